@@ -1,0 +1,12 @@
+# OpenVDB as Debian ships it: no CMake configuration of its own in the default search path. Defines OpenVDB::openvdb.
+find_path(OpenVDB_INCLUDE_DIR openvdb/openvdb.h)
+find_library(OpenVDB_LIBRARY openvdb)
+include(FindPackageHandleStandardArgs)
+find_package_handle_standard_args(OpenVDB REQUIRED_VARS OpenVDB_LIBRARY OpenVDB_INCLUDE_DIR)
+if(OpenVDB_FOUND AND NOT TARGET OpenVDB::openvdb)
+  find_package(TBB REQUIRED)
+  find_package(Imath REQUIRED)
+  add_library(OpenVDB::openvdb UNKNOWN IMPORTED)
+  set_target_properties(OpenVDB::openvdb PROPERTIES IMPORTED_LOCATION ${OpenVDB_LIBRARY} INTERFACE_INCLUDE_DIRECTORIES ${OpenVDB_INCLUDE_DIR})
+  target_link_libraries(OpenVDB::openvdb INTERFACE TBB::tbb Imath::Imath)
+endif()

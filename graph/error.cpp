@@ -1,0 +1,86 @@
+#include "graph/error.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+namespace knead {
+
+const char* name_of(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::kGraph: return "graph";
+    case ErrorCode::kInput: return "input";
+    case ErrorCode::kFile: return "file";
+    case ErrorCode::kMemory: return "memory";
+    case ErrorCode::kDevice: return "device";
+    case ErrorCode::kCancelled: return "cancelled";
+    case ErrorCode::kInternal: return "internal";
+  }
+  return "unknown";
+}
+
+std::string Where::text() const {
+  std::string text = file;
+  if (line > 0) text += (text.empty() ? "line " : ":") + std::to_string(line);
+  if (line > 0 && column > 0) text += ":" + std::to_string(column);
+  if (!node.empty()) text += (text.empty() ? "" : ", ") + ("node '" + node + "'");
+  if (!member.empty()) text += (text.empty() ? "" : ", ") + ("'" + member + "'");
+  return text;
+}
+
+Error::Error(ErrorCode code, Where where, std::string message, std::string hint)
+    : code_(code), where_(std::move(where)), message_(std::move(message)), hint_(std::move(hint)) {
+  const std::string place = where_.text();
+  text_ = (place.empty() ? "" : place + ": ") + message_ + (hint_.empty() ? "" : " (" + hint_ + ")");
+}
+
+Error::Error(ErrorCode code, std::string message, std::string hint) : Error(code, Where{}, std::move(message), std::move(hint)) {}
+
+Error Error::at(const Where& outer) const {
+  Where full = where_;
+  if (full.file.empty()) {  // a data file's own place stays; the graph's place would contradict it
+    full.file = outer.file;
+    full.line = outer.line;
+    full.column = outer.column;
+  }
+  if (full.node.empty()) full.node = outer.node;
+  if (full.member.empty()) full.member = outer.member;
+  return Error(code_, full, message_, hint_);
+}
+
+static std::string all_lines(const std::vector<Error>& errors) {
+  std::string text;
+  for (const Error& error : errors) text += (text.empty() ? "" : "\n") + std::string(error.what());
+  return text;
+}
+
+GraphErrors::GraphErrors(std::vector<Error> errors) : Error(ErrorCode::kGraph, all_lines(errors)), errors_(std::move(errors)) {}
+
+static size_t edit_distance(const std::string& a, const std::string& b) {
+  std::vector<size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), size_t{0});
+  for (size_t i = 1; i <= a.size(); ++i) {
+    size_t diagonal = std::exchange(row[0], i);
+    for (size_t j = 1; j <= b.size(); ++j) {
+      const size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
+      diagonal = row[j];
+      row[j] = std::min({substituted, row[j] + 1, row[j - 1] + 1});
+    }
+  }
+  return row[b.size()];
+}
+
+std::string nearest_name(const std::string& wrong, const std::vector<std::string>& candidates) {
+  std::string best;
+  size_t best_distance = std::max<size_t>(2, wrong.size() / 3) + 1;
+  for (const std::string& candidate : candidates) {
+    const size_t distance = edit_distance(wrong, candidate);
+    if (distance < best_distance) {
+      best_distance = distance;
+      best = candidate;
+    }
+  }
+  return best;
+}
+
+}  // namespace knead

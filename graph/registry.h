@@ -1,0 +1,39 @@
+// Node types by name.
+#pragma once
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "graph/node.h"
+
+namespace knead {
+
+struct NodeType {
+  std::string name;
+  int version = 1;     // part of every cache key: raise it when the same inputs give another result
+  std::string manual;  // the page shown by `knead nodes NAME`
+  std::unique_ptr<Node> (*make)() = nullptr;
+};
+
+class Registry {
+ public:
+  void add(NodeType type);
+  const NodeType* find(const std::string& name) const;
+  std::vector<std::string> names() const;  // sorted
+
+  static const Registry& builtin();  // iterate, group and everything in nodes/
+
+ private:
+  std::map<std::string, NodeType> types_;
+};
+
+void register_all_nodes(Registry& registry);  // generated from the files of nodes/
+
+// One per file of nodes/, where `stem` is the file's stem and the node's name.
+#define KNEAD_REGISTER(stem, Class, version, manual)                                                          \
+  void register_##stem(Registry& registry) {                                                                  \
+    registry.add({#stem, version, manual, [] { return std::unique_ptr<Node>(std::make_unique<Class>()); }}); \
+  }
+
+}  // namespace knead

@@ -1,0 +1,158 @@
+// A type-erased, shared, immutable value that travels between ports.
+//
+// A type becomes a port type by specialising PortTraits<T> (see kernels/data.h for Knead's own, tests/graph for toys):
+//   static constexpr const char* name;                              "Surface"
+//   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
+// and optionally
+//   static double unrest(const T& before, const T& after, Executor&)  how far from rest a loop's state is, as a fraction of its own size; `iterate` stops on it
+#pragma once
+#include <atomic>
+#include <memory>
+#include <new>
+#include <utility>
+
+#include "graph/buffer.h"
+#include "graph/hash.h"
+
+namespace knead {
+
+class Executor;
+template <class T>
+struct PortTraits;
+
+class Value;
+
+struct PortType {
+  const char* name;
+  size_t (*bytes)(const Value&);                                     // of all its buffers
+  bool (*on_device)(const Value&, Device);                           // every buffer lives there
+  Value (*moved)(const Value&, Executor& from_to);                   // a copy with every buffer on the executor's device
+  Value (*to_host)(const Value&, Executor& from);                    // and back
+  Key (*content)(const Value&);                                      // hash of the bytes of all host buffers; checked mode
+  double (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
+};
+
+template <class T>
+const PortType& port_type();
+
+class Value {
+ public:
+  Value() = default;
+  template <class T>
+  static Value of(T value, MemoryResource& memory = host_memory());
+
+  Value(const Value& other) : held_(other.held_) {
+    if (held_) held_->references.fetch_add(1, std::memory_order_relaxed);
+  }
+  Value(Value&& other) noexcept : held_(std::exchange(other.held_, nullptr)) {}
+  Value& operator=(Value other) noexcept {
+    std::swap(held_, other.held_);
+    return *this;
+  }
+  ~Value() {
+    if (held_ && held_->references.fetch_sub(1, std::memory_order_acq_rel) == 1) held_->destroy(held_);
+  }
+
+  explicit operator bool() const { return held_ != nullptr; }
+  const PortType* type() const { return held_ ? held_->type : nullptr; }
+  template <class T>
+  const T* get_if() const {
+    return held_ && held_->type == &port_type<T>() ? &static_cast<const Held<T>*>(held_)->value : nullptr;
+  }
+  template <class T>
+  const T& as() const;  // throws Error(kInternal) on a type mismatch
+
+ private:
+  struct Base {
+    std::atomic<uint32_t> references{1};
+    const PortType* type = nullptr;
+    void (*destroy)(Base*) = nullptr;
+    MemoryResource* memory = nullptr;
+  };
+  template <class T>
+  struct Held : Base {
+    T value;
+    explicit Held(T v) : value(std::move(v)) {}
+  };
+  Base* held_ = nullptr;
+};
+
+namespace detail {
+[[noreturn]] void throw_type_mismatch(const PortType* is, const PortType& asked);
+void copy_block(Executor& executor, const void* from, Device from_device, void* to, Device to_device, size_t bytes);
+MemoryResource& memory_of(Executor& executor);
+}  // namespace detail
+
+template <class T>
+Value Value::of(T value, MemoryResource& memory) {
+  void* storage = memory.allocate(sizeof(Held<T>));
+  auto* held = new (storage) Held<T>(std::move(value));
+  held->type = &port_type<T>();
+  held->memory = &memory;
+  held->destroy = [](Base* base) {
+    MemoryResource* from = base->memory;
+    static_cast<Held<T>*>(base)->~Held<T>();
+    from->release(base, sizeof(Held<T>));
+  };
+  Value result;
+  result.held_ = held;
+  return result;
+}
+
+template <class T>
+const T& Value::as() const {
+  const T* value = get_if<T>();
+  if (!value) detail::throw_type_mismatch(type(), port_type<T>());
+  return *value;
+}
+
+namespace detail {
+template <class T>
+Value move_value(const Value& value, Executor& executor, Device to, MemoryResource& memory) {
+  T copy = value.as<T>();
+  PortTraits<T>::each_buffer(copy, [&](auto& buffer) {
+    if (!buffer || buffer.device() == to) return;
+    auto moved = std::remove_reference_t<decltype(buffer)>(buffer.size(), memory);
+    copy_block(executor, buffer.view(buffer.device()).data(), buffer.device(), moved.data_for_write(), to, buffer.bytes());
+    buffer = std::move(moved);
+  });
+  return Value::of<T>(std::move(copy));
+}
+Device device_of(Executor& executor);
+}  // namespace detail
+
+template <class T>
+const PortType& port_type() {
+  static const PortType type = [] {
+    PortType t{};
+    t.name = PortTraits<T>::name;
+    t.bytes = [](const Value& value) {
+      size_t bytes = 0;
+      PortTraits<T>::each_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) { bytes += buffer.bytes(); });
+      return bytes;
+    };
+    t.on_device = [](const Value& value, Device device) {
+      bool all = true;
+      PortTraits<T>::each_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) { all = all && (!buffer || buffer.device() == device); });
+      return all;
+    };
+    t.moved = [](const Value& value, Executor& executor) {
+      return detail::move_value<T>(value, executor, detail::device_of(executor), detail::memory_of(executor));
+    };
+    t.to_host = [](const Value& value, Executor& executor) { return detail::move_value<T>(value, executor, Device{}, host_memory()); };
+    t.content = [](const Value& value) {
+      Hasher hasher;
+      PortTraits<T>::each_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) {
+        hasher.add(buffer.size());
+        if (buffer && buffer.device() == Device{}) hasher.bytes(buffer.host().data(), buffer.bytes());
+      });
+      return hasher.key();
+    };
+    if constexpr (requires(const T& v, Executor& e) { PortTraits<T>::unrest(v, v, e); })
+      t.unrest = [](const Value& before, const Value& after, Executor& e) { return PortTraits<T>::unrest(before.as<T>(), after.as<T>(), e); };
+    return t;
+  }();
+  return type;
+}
+
+}  // namespace knead
