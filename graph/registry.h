@@ -28,6 +28,8 @@ class Registry {
   std::map<std::string, NodeType> types_;
 };
 
+void register_iterate(Registry& registry);
+void register_group(Registry& registry);
 void register_all_nodes(Registry& registry);  // generated from the files of nodes/
 
 // One per file of nodes/, where `stem` is the file's stem and the node's name.

@@ -3,7 +3,7 @@
 // A type becomes a port type by specialising PortTraits<T> (see kernels/data.h for Knead's own, tests/graph for toys):
 //   static constexpr const char* name;                              "Surface"
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
-// and optionally
+//   and optionally
 //   static double unrest(const T& before, const T& after, Executor&)  how far from rest a loop's state is, as a fraction of its own size; `iterate` stops on it
 #pragma once
 #include <atomic>
@@ -35,6 +35,9 @@ struct PortType {
 template <class T>
 const PortType& port_type();
 
+// By name when the addresses differ: a host program and the library may each have an instance.
+inline bool same_type(const PortType& a, const PortType& b) { return &a == &b || std::strcmp(a.name, b.name) == 0; }
+
 class Value {
  public:
   Value() = default;
@@ -57,7 +60,7 @@ class Value {
   const PortType* type() const { return held_ ? held_->type : nullptr; }
   template <class T>
   const T* get_if() const {
-    return held_ && held_->type == &port_type<T>() ? &static_cast<const Held<T>*>(held_)->value : nullptr;
+    return held_ && same_type(*held_->type, port_type<T>()) ? &static_cast<const Held<T>*>(held_)->value : nullptr;
   }
   template <class T>
   const T& as() const;  // throws Error(kInternal) on a type mismatch

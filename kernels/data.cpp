@@ -1,0 +1,67 @@
+#include "kernels/data.h"
+
+#include "kernels/parallel.h"
+
+namespace knead {
+
+Similarity Similarity::inverse() const {
+  Similarity inverse;
+  inverse.scale = 1 / scale;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) inverse.rotation[static_cast<size_t>(3 * r + c)] = rotation[static_cast<size_t>(3 * c + r)];
+  inverse.translation = -(inverse.scale * inverse.rotate(translation));
+  return inverse;
+}
+
+Similarity operator*(const Similarity& outer, const Similarity& inner) {
+  Similarity product;
+  product.scale = outer.scale * inner.scale;
+  for (size_t r = 0; r < 3; ++r)
+    for (size_t c = 0; c < 3; ++c) {
+      double sum = 0;
+      for (size_t k = 0; k < 3; ++k) sum += outer.rotation[3 * r + k] * inner.rotation[3 * k + c];
+      product.rotation[3 * r + c] = sum;
+    }
+  product.translation = outer.apply(inner.translation);
+  return product;
+}
+
+bool operator==(const Similarity& a, const Similarity& b) {
+  return a.scale == b.scale && a.rotation == b.rotation && a.translation.x == b.translation.x && a.translation.y == b.translation.y &&
+         a.translation.z == b.translation.z;
+}
+
+double PortTraits<Surface>::unrest(const Surface& before, const Surface& after, Executor& executor) {
+  const auto a = before.points.view(executor.device());
+  const auto b = after.points.view(executor.device());
+  if (a.size() != b.size()) return std::numeric_limits<double>::infinity();
+  if (a.data() == b.data()) return 0;
+  const double squared = reduce_max(executor, a.size(), "unrest", [pa = a.data(), pb = b.data()](uint32_t i) {
+    const Vec3f d = pb[i] - pa[i];
+    return static_cast<double>(dot(d, d));
+  });
+  return std::sqrt(squared) / std::max(after.diagonal(), std::numeric_limits<double>::min());
+}
+
+void Report::set(const std::string& name, double value) {
+  for (auto& [known, entry] : entries)
+    if (known == name) return void(entry = value);
+  entries.emplace_back(name, value);
+}
+void Report::set(const std::string& name, const std::string& value) {
+  for (auto& [known, entry] : entries)
+    if (known == name) return void(entry = value);
+  entries.emplace_back(name, value);
+}
+double Report::number(const std::string& name, double otherwise) const {
+  for (const auto& [known, entry] : entries)
+    if (known == name && std::holds_alternative<double>(entry)) return std::get<double>(entry);
+  return otherwise;
+}
+std::string Report::word(const std::string& name) const {
+  for (const auto& [known, entry] : entries)
+    if (known == name && std::holds_alternative<std::string>(entry)) return std::get<std::string>(entry);
+  return {};
+}
+
+}  // namespace knead
