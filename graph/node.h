@@ -197,6 +197,9 @@ class Context {
   // taken from the cache. The key must name everything the result depends on.
   virtual Value once(const Key& key, FunctionRef<Value()> make) = 0;
 
+  // Time spent in a part of this node (the body of a loop), by the part's name; added up.
+  virtual void add_time(const std::string& part, double seconds) = 0;
+
   // For structural nodes.
   virtual const Value& input(int port, size_t i) const = 0;
   virtual size_t input_count(int port) const = 0;

@@ -1,0 +1,81 @@
+// Evaluates a plan: any frame, in any order, on any number of threads, with the same bits.
+//
+// Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the cache
+// lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one that runs on the
+// host gets them back; both are counted.
+#pragma once
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "graph/cache.h"
+#include "graph/plan.h"
+
+namespace knead {
+
+struct NodeTime {
+  std::string name;
+  double seconds = 0;
+  bool cached = false;
+};
+
+struct FrameResult {
+  int frame = 0;
+  std::optional<Error> error;  // the frame failed; what was asked for is not there
+  std::map<std::string, Value> values;  // by the reference that was asked for, on the host
+  std::vector<NodeTime> times;          // in plan order; a loop's inner nodes follow it, summed over its rounds
+  std::vector<std::string> warnings;    // "node 'tets': open surface ..."
+  double seconds = 0;
+};
+
+struct EvaluatorFigures {
+  CacheFigures cache;
+  std::map<std::string, uint64_t> evaluations;  // times a node of each type was really run
+  uint64_t transfers = 0, transferred_bytes = 0;
+};
+
+struct EvaluatorOptions {
+  Executor* executor = nullptr;       // where kAnyDevice nodes run; null: a cpu executor of its own
+  Executor* host_executor = nullptr;  // where kHost nodes run; null: `executor` if that is a host executor, else a cpu executor of its own
+  std::shared_ptr<Cache> cache;       // null: one of its own
+  bool checked = false;               // prove that nodes read only what they declared and that cached results are what would be computed again
+  std::function<bool()> cancelled;    // asked often, from any thread
+};
+
+class Evaluator {
+ public:
+  explicit Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options = {});
+  ~Evaluator();
+
+  const Plan& plan() const;
+  Executor& executor() const;
+
+  // One frame, for the outputs named ("press.surface") and with every node that has an effect when `effects`. Throws nothing but programming errors of the
+  // caller (an unknown reference); what goes wrong in the frame comes back in `error`.
+  FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
+
+  // Many frames, as many at once as there are threads. What does not depend on the frame is computed first, once. `done` is called once per frame, one call
+  // at a time, in the order in which frames end. A failed frame does not stop the others; cancellation does: frames not begun are not reported.
+  void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects, const std::function<void(FrameResult)>& done);
+
+  // Identifies the inputs of everything that an effect node of this frame depends on, parameters included: equal keys mean equal files. For --resume.
+  Key frame_key(int frame, const std::vector<std::string>& outputs, bool effects) const;
+
+  template <class T>
+  T get(const std::string& output, int frame) {  // throws the frame's Error
+    FrameResult result = evaluate(frame, {output});
+    if (result.error) throw *result.error;
+    return result.values.at(output).template as<T>();
+  }
+
+  EvaluatorFigures figures() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace knead
