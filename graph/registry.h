@@ -1,11 +1,13 @@
 // Node types by name.
 #pragma once
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "graph/node.h"
+#include "graph/spec.h"
 
 namespace knead {
 
@@ -14,6 +16,7 @@ struct NodeType {
   int version = 1;     // part of every cache key: raise it when the same inputs give another result
   std::string manual;  // the page shown by `knead nodes NAME`
   std::unique_ptr<Node> (*make)() = nullptr;
+  std::function<GraphSpec()> group = {};  // set instead of `make` for a built-in group: a graph used as a node
 };
 
 class Registry {
@@ -35,7 +38,7 @@ void register_all_nodes(Registry& registry);  // generated from the files of nod
 // One per file of nodes/, where `stem` is the file's stem and the node's name.
 #define KNEAD_REGISTER(stem, Class, version, manual)                                                          \
   void register_##stem(Registry& registry) {                                                                  \
-    registry.add({#stem, version, manual, [] { return std::unique_ptr<Node>(std::make_unique<Class>()); }}); \
+    registry.add({#stem, version, manual, [] { return std::unique_ptr<Node>(std::make_unique<Class>()); }, {}}); \
   }
 
 }  // namespace knead

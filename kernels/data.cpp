@@ -1,5 +1,7 @@
 #include "kernels/data.h"
 
+#include <limits>
+
 #include "kernels/parallel.h"
 
 namespace knead {
@@ -41,27 +43,6 @@ double PortTraits<Surface>::unrest(const Surface& before, const Surface& after, 
     return static_cast<double>(dot(d, d));
   });
   return std::sqrt(squared) / std::max(after.diagonal(), std::numeric_limits<double>::min());
-}
-
-void Report::set(const std::string& name, double value) {
-  for (auto& [known, entry] : entries)
-    if (known == name) return void(entry = value);
-  entries.emplace_back(name, value);
-}
-void Report::set(const std::string& name, const std::string& value) {
-  for (auto& [known, entry] : entries)
-    if (known == name) return void(entry = value);
-  entries.emplace_back(name, value);
-}
-double Report::number(const std::string& name, double otherwise) const {
-  for (const auto& [known, entry] : entries)
-    if (known == name && std::holds_alternative<double>(entry)) return std::get<double>(entry);
-  return otherwise;
-}
-std::string Report::word(const std::string& name) const {
-  for (const auto& [known, entry] : entries)
-    if (known == name && std::holds_alternative<std::string>(entry)) return std::get<std::string>(entry);
-  return {};
 }
 
 }  // namespace knead

@@ -6,14 +6,12 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <limits>
-#include <map>
 #include <memory>
 #include <string>
-#include <variant>
 #include <vector>
 
 #include "graph/buffer.h"
+#include "graph/report.h"
 #include "graph/value.h"
 #include "kernels/vec.h"
 
@@ -84,10 +82,6 @@ struct Weights {
   Buffer<float> values;
 };
 
-struct Scalar {
-  double value = 0;
-};
-
 // Neighbours of every vertex, valence-sorted (paper Fig. 2): row k holds the k-th neighbour of all lanes that have one, contiguously. Lane t is vertex
 // order[t]; lanes are sorted by valence, descending, so row_offsets[k+1] - row_offsets[k] falls with k. Each row is padded to a multiple of kLaneBlock with
 // entries whose contribution is exactly zero (`columns` index arrays of the lane's own vertex, `values` zero), so that a block of lanes needs no mask.
@@ -144,15 +138,6 @@ struct Contacts {
   double deepest = 0;  // deepest penetration met in the last push, as a fraction of M's rest diagonal
 };
 
-// Named figures and words about a frame, in order.
-struct Report {
-  std::vector<std::pair<std::string, std::variant<double, std::string>>> entries;
-  void set(const std::string& name, double value);
-  void set(const std::string& name, const std::string& value);
-  double number(const std::string& name, double otherwise = std::numeric_limits<double>::quiet_NaN()) const;
-  std::string word(const std::string& name) const;  // "" when absent
-};
-
 #define KNEAD_PORT_TYPE(T, ...)                          \
   template <>                                            \
   struct PortTraits<T> {                                 \
@@ -179,8 +164,6 @@ struct PortTraits<Contacts> {
 };
 KNEAD_PORT_TYPE(Points, { f(v.values); })
 KNEAD_PORT_TYPE(Weights, { f(v.values); })
-KNEAD_PORT_TYPE(Scalar, {})
-KNEAD_PORT_TYPE(Report, {})
 KNEAD_PORT_TYPE(Sdf, { f(v.grid); })
 KNEAD_PORT_TYPE(TetMesh, {
   f(v.rest); f(v.tets); f(v.rest_volumes); f(v.edges); f(v.rest_lengths);

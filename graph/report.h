@@ -1,0 +1,39 @@
+// Port types without geometry.
+#pragma once
+#include <limits>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "graph/value.h"
+
+namespace knead {
+
+struct Scalar {
+  double value = 0;
+};
+
+// Named figures and words about a frame, in order.
+struct Report {
+  std::vector<std::pair<std::string, std::variant<double, std::string>>> entries;
+  void set(const std::string& name, double value);
+  void set(const std::string& name, const std::string& value);
+  double number(const std::string& name, double otherwise = std::numeric_limits<double>::quiet_NaN()) const;
+  std::string word(const std::string& name) const;  // "" when absent
+};
+
+template <>
+struct PortTraits<Scalar> {
+  static constexpr const char* name = "Scalar";
+  template <class F>
+  static void each_buffer(Scalar&, F&&) {}
+};
+template <>
+struct PortTraits<Report> {
+  static constexpr const char* name = "Report";
+  template <class F>
+  static void each_buffer(Report&, F&&) {}
+};
+
+}  // namespace knead
