@@ -58,6 +58,9 @@ struct MeshAttributes {
   std::vector<std::string> materials;                     // names (OBJ usemtl)
   std::vector<int32_t> face_material;                     // per face, or -1
   std::string material_library;                           // OBJ mtllib
+  std::vector<std::string> objects;                       // names (OBJ o)
+  std::vector<int32_t> face_object;                       // per face, or -1
+  Key normals_of;                                         // Hasher over the bytes of the points that `normals` were made for; others: recompute
 };
 
 // M or a collider mesh.
