@@ -74,6 +74,7 @@ class Evaluator {
   EvaluatorFigures figures() const;
 
  private:
+  void prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects);
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -1,0 +1,52 @@
+// Internal: one pass over a plan's nodes. The evaluator makes one per frame, a loop one for all of its rounds.
+#pragma once
+#include <vector>
+
+#include "graph/plan.h"
+
+namespace knead {
+
+struct Round {
+  const Plan& plan;
+  std::vector<std::vector<Value>> values;  // [node][output]
+  std::vector<Value> externals;
+
+  explicit Round(const Plan& p) : plan(p), values(p.nodes.size()), externals(p.externals.size()) {
+    for (size_t i = 0; i < p.nodes.size(); ++i) values[i].resize(p.nodes[i].node->outputs().size());
+  }
+  const Value& at(Source source) const {
+    return source.node == Source::kExternal ? externals[static_cast<size_t>(source.output)]
+                                            : values[static_cast<size_t>(source.node)][static_cast<size_t>(source.output)];
+  }
+};
+
+// The part of a Context that reads a node's inputs from a round and puts its outputs there. A source without a value (a loop's state before its first round)
+// counts as not connected.
+class RoundContext : public Context {
+ public:
+  RoundContext(Round& round, int node) : round_(round), node_(node) {}
+
+  size_t input_count(int port) const override {
+    size_t count = 0;
+    for (const Source source : sources(port)) count += static_cast<bool>(round_.at(source));
+    return count;
+  }
+  const Value& input(int port, size_t i) const override {
+    for (const Source source : sources(port)) {
+      const Value& value = round_.at(source);
+      if (value && i-- == 0) return value;
+    }
+    const PlanNode& node = plan_node();
+    throw Error(ErrorCode::kInput, "input '" + node.node->inputs()[static_cast<size_t>(port)].name + "' has no value", "connect it");
+  }
+  void set_output(int port, Value value) override { round_.values[static_cast<size_t>(node_)][static_cast<size_t>(port)] = std::move(value); }
+
+  const PlanNode& plan_node() const { return round_.plan.nodes[static_cast<size_t>(node_)]; }
+
+ protected:
+  const std::vector<Source>& sources(int port) const { return plan_node().inputs[static_cast<size_t>(port)]; }
+  Round& round_;
+  int node_;
+};
+
+}  // namespace knead
