@@ -96,6 +96,7 @@ class Buffer {
   explicit operator bool() const { return block_ != nullptr; }
   Device device() const { return block_ ? block_->device : Device{}; }
   uint64_t id() const { return block_ ? block_->id : 0; }
+  bool is_padded() const { return block_ && block_->resource; }  // false for wrapped storage
 
   // The contents, for code that runs on `device`. Asking for another device than the buffer's is an error, never a hidden copy.
   std::span<const T> view(Device device) const {

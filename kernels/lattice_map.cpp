@@ -1,0 +1,43 @@
+#include "kernels/lattice_map.h"
+
+#include "kernels/loop_lanes.h"
+#include "kernels/loop_points.h"
+#include "kernels/parallel.h"
+
+namespace knead {
+
+Buffer<Vec3f> map_to_tets(Executor& executor, const Buffer<Vec3f>& displacement, const Buffer<Vec3f>& points, const Lattice& lattice,
+                          const MapToTetsSettings& settings) {
+  require_host(executor, "map_to_tets");
+  require_size(displacement.size(), lattice.rest.vertices(), "map_to_tets", "displacements", "vertices of the surface that the lattice binds");
+  require_size(points.size(), lattice.tet_rest.size(), "map_to_tets", "points", "vertices of the tet mesh");
+  const Buffer<Vec3f> push = padded(executor, displacement), from = padded(executor, points);
+  Buffer<Vec3f> to = start_from(executor, from, lattice.gather.lanes);
+  MapToTets body{};
+  body.displacement = push.view(executor.device()).data();
+  body.from = from.view(executor.device()).data();
+  body.to = to.data_for_write();
+  body.gather = lane_table(lattice.gather, executor.device());
+  body.to_cells = static_cast<float>(settings.gain / lattice.to_local.scale);
+  body.max_step = static_cast<float>(settings.max_step * settings.mean_edge);
+  run_lanes(executor, body.gather.lanes, body, loop_lanes(executor).map_to_tets);
+  return to;
+}
+
+Buffer<Vec3f> map_to_surface(Executor& executor, const Buffer<Vec3f>& points, const Lattice& lattice) {
+  require_host(executor, "map_to_surface");
+  require_size(points.size(), lattice.tet_rest.size(), "map_to_surface", "points", "vertices of the tet mesh");
+  const Buffer<Vec3f> now = padded(executor, points), tets_rest = padded(executor, lattice.tet_rest), rest = padded(executor, lattice.rest.points);
+  Buffer<Vec3f> to = start_from(executor, rest, lattice.map.lanes);
+  MapToSurface body{};
+  body.tets_now = now.view(executor.device()).data();
+  body.tets_rest = tets_rest.view(executor.device()).data();
+  body.rest = rest.view(executor.device()).data();
+  body.to = to.data_for_write();
+  body.map = lane_table(lattice.map, executor.device());
+  body.to_local = static_cast<float>(lattice.to_local.scale);
+  run_lanes(executor, body.map.lanes, body, loop_lanes(executor).map_to_surface);
+  return to;
+}
+
+}  // namespace knead

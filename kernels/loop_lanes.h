@@ -1,0 +1,37 @@
+// The loop's kernels compiled per instruction set: loop_lanes.inl is included by one source per level, which CMake compiles with that level's flags
+// (simd_sources.cmake). Only plain bodies go in there, so that no inline function of a header can be linked in with instructions the processor lacks.
+#pragma once
+#include <cstdint>
+
+#include "graph/executor.h"
+#include "kernels/enforce_stiffness_body.h"
+#include "kernels/lattice_map_body.h"
+#include "kernels/restore_volume_body.h"
+
+namespace knead {
+
+// Each runs a body over the lanes [begin, end); begin is a multiple of NeighbourTable::kLaneBlock.
+struct LoopLanes {
+  void (*restore_volume)(const RestoreVolume&, uint32_t begin, uint32_t end);
+  void (*enforce_stiffness)(const EnforceStiffness&, uint32_t begin, uint32_t end);
+  void (*map_to_tets)(const MapToTets&, uint32_t begin, uint32_t end);
+  void (*map_to_surface)(const MapToSurface&, uint32_t begin, uint32_t end);
+};
+
+// Null when the level is not in this build.
+const LoopLanes* loop_lanes_scalar();
+const LoopLanes* loop_lanes_baseline();
+const LoopLanes* loop_lanes_avx2();
+const LoopLanes* loop_lanes_avx512();
+
+// Those of the executor's simd_level.
+const LoopLanes& loop_lanes(const Executor& executor);
+
+// Runs one of them over all lanes in fixed pieces.
+template <class Body>
+void run_lanes(Executor& executor, uint32_t lanes, const Body& body, void (*run)(const Body&, uint32_t, uint32_t)) {
+  constexpr size_t kLanesPerPiece = 512;
+  executor.parallel_ranges(lanes, kLanesPerPiece, [&](size_t begin, size_t end) { run(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end)); });
+}
+
+}  // namespace knead

@@ -1,0 +1,18 @@
+// Instantiates the loop's bodies for lanes of type KNEAD_LANES under the name KNEAD_LOOP_LANES; see loop_lanes.h.
+#include "kernels/loop_lanes.h"
+
+namespace knead {
+namespace {
+
+template <class Body>
+void run(const Body& body, uint32_t begin, uint32_t end) {
+  for (uint32_t t = begin; t < end; t += Lane<KNEAD_LANES>::kWidth) body.template lane<KNEAD_LANES>(t);
+}
+
+constexpr LoopLanes kLanes{run<RestoreVolume>, run<EnforceStiffness>, run<MapToTets>, run<MapToSurface>};
+
+}  // namespace
+
+const LoopLanes* KNEAD_LOOP_LANES() { return &kLanes; }
+
+}  // namespace knead

@@ -1,0 +1,37 @@
+// What the loop's launchers share: checks and storage of per-vertex rows.
+#pragma once
+#include <cstring>
+#include <string>
+
+#include "graph/error.h"
+#include "graph/executor.h"
+#include "kernels/vec.h"
+
+namespace knead {
+
+// Relative errors of volume and length up to this are rounding: H's rest coordinates are multiples of half a cell, so volumes and lengths at rest are
+// reproduced to a few units in the last place. Ignoring them makes the rest shape an exact fixed point of the loop.
+inline constexpr float kRestRounding = 1e-6f;
+
+inline void require_size(size_t is, size_t should_be, const char* kernel, const char* what, const char* of_what) {
+  if (is == should_be) return;
+  throw Error(ErrorCode::kInput, std::string(kernel) + ": " + std::to_string(is) + " " + what + " for " + std::to_string(should_be) + " " + of_what,
+              "connect ports that come from the same build_tets");
+}
+
+// The same values in storage that may be over-read. Only wrapped storage is copied.
+inline Buffer<Vec3f> padded(Executor& executor, const Buffer<Vec3f>& values) {
+  if (values.empty() || values.is_padded()) return values;
+  Buffer<Vec3f> copy(values.size(), executor.memory());
+  std::memcpy(copy.data_for_write(), values.view(executor.device()).data(), values.bytes());
+  return copy;
+}
+
+// Storage for a kernel's result. When not every vertex has a lane, those without keep their value.
+inline Buffer<Vec3f> start_from(Executor& executor, const Buffer<Vec3f>& values, size_t lanes) {
+  Buffer<Vec3f> result(values.size(), executor.memory());
+  if (lanes < values.size()) std::memcpy(result.data_for_write(), values.view(executor.device()).data(), values.bytes());
+  return result;
+}
+
+}  // namespace knead

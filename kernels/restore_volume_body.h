@@ -1,0 +1,85 @@
+// One lane of restore_volume; see restore_volume.h for the method.
+#pragma once
+#include "kernels/lane_table.h"
+#include "kernels/pack.h"
+
+namespace knead {
+
+// The least-squares step delta of (sum b b^T + lambda (tr/3) I) delta = sum b r from its sums. Everything is divided by the trace first, so that neither
+// cells of any size nor flat neighbourhoods leave float's range, and the pivots of the LDL^T stay above the regularisation.
+template <class F>
+struct VolumeSystem {
+  F xx{}, xy{}, xz{}, yy{}, yz{}, zz{};  // sum b b^T
+  Vec3<F> right{};                       // sum b r
+
+  KNEAD_HD void add(const Vec3<F>& b, const F& r) {
+    xx = xx + b.x * b.x;
+    xy = xy + b.x * b.y;
+    xz = xz + b.x * b.z;
+    yy = yy + b.y * b.y;
+    yz = yz + b.y * b.z;
+    zz = zz + b.z * b.z;
+    right += b * r;
+  }
+  KNEAD_HD Vec3<F> step(float regularisation) const {
+    const F tiny = Lane<F>::all(1e-30f), least = Lane<F>::all(1e-6f);
+    const F trace = xx + yy + zz;
+    const F scale = 1.0f / (trace > tiny ? trace : tiny);
+    const F d0 = xx * scale + regularisation * (1.0f / 3) + least;
+    const F a01 = xy * scale, a02 = xz * scale;
+    const F l10 = a01 / d0, l20 = a02 / d0;
+    F d1 = yy * scale + regularisation * (1.0f / 3) - l10 * a01;
+    d1 = d1 > least ? d1 : least;
+    const F a12 = yz * scale - l20 * a01;
+    const F l21 = a12 / d1;
+    F d2 = zz * scale + regularisation * (1.0f / 3) - l20 * a02 - l21 * a12;
+    d2 = d2 > least ? d2 : least;
+    const F y0 = right.x * scale;
+    const F y1 = right.y * scale - l10 * y0;
+    const F y2 = right.z * scale - l20 * y0 - l21 * y1;
+    const F z = y2 / d2;
+    const F y = y1 / d1 - l21 * z;
+    return {y0 / d0 - l10 * y - l20 * z, y, z};
+  }
+};
+
+// v, no longer than `longest`.
+template <class F>
+KNEAD_HD Vec3<F> clamped(const Vec3<F>& v, float longest) {
+  const F squared = dot(v, v);
+  const F limit = Lane<F>::all(longest * longest), one = Lane<F>::all(1.0f);
+  const F shrink = longest / Lane<F>::root(squared > limit ? squared : limit);
+  return v * (squared > limit ? shrink : one);
+}
+
+struct RestoreVolume {
+  const Vec3f* from;  // x, tet space
+  Vec3f* to;
+  LaneTable tets;
+  float regularisation;
+  float relaxation;
+  float ignored;   // relative volume errors up to this are the rounding of the rest shape
+  float max_step;  // cells
+
+  template <class F>
+  KNEAD_HD void lane(uint32_t t) const {
+    using L = Lane<F>;
+    const Vec3<F> a = L::rows(from, tets.order + t);
+    VolumeSystem<F> system;
+    for (uint32_t k = 0; tets.has(t, k); ++k) {
+      const size_t entry = tets.entry(t, k);
+      const uint32_t* b = tets.indices + entry;
+      const Vec3<F> d = L::rows(from, b + 2 * tets.entries);
+      const Vec3<F> base = cross(L::rows(from, b) - d, L::rows(from, b + tets.entries) - d);
+      const F six_rest = 6.0f * L::load(tets.values + entry);
+      const F error = dot(d - a, base) - six_rest;
+      const F zero{};
+      system.add(base, (error < zero ? -error : error) <= ignored * six_rest ? zero : error);
+    }
+    const Vec3<F> step = clamped(system.step(regularisation) * L::all(relaxation), max_step);
+    L::put_rows(to, tets.order + t, tets.lanes - t, a + step);
+  }
+  KNEAD_HD void operator()(uint32_t t) const { lane<float>(t); }
+};
+
+}  // namespace knead
