@@ -1,0 +1,388 @@
+#include "kernels/mesh_distance.h"
+
+#include <embree3/rtcore.h>
+
+#include <algorithm>
+#include <array>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "graph/error.h"
+#include "kernels/parallel.h"
+#include "kernels/solid_angle_tree.h"
+
+namespace knead {
+namespace {
+
+constexpr double kSlack = 1e-6;          // of the diagonal: covers Embree's float boxes around the double triangles
+constexpr double kGrazing = 0.02;        // a point nearer than this (as a sine) to the tangent plane of an edge or corner asks the winding number
+constexpr int kOverlapLevels = 4;        // how often a triangle that is partly inside the solid is quartered
+constexpr double kOverlapOffset = 1e-3;  // of a triangle's size: how far below its face a triangle is tested
+
+RTCDevice embree_device() {
+  struct Owner {
+    RTCDevice device = rtcNewDevice("ignore_config_files=1,verbose=0");
+    ~Owner() { rtcReleaseDevice(device); }
+  };
+  static Owner owner;
+  if (!owner.device) throw Error(ErrorCode::kDevice, "Embree could not start", "is the libembree3 package whole?");
+  return owner.device;
+}
+
+Vec3d unit_or_zero(const Vec3d& v) {
+  const double size = length(v);
+  return size > 0 ? v * (1 / size) : Vec3d{0, 0, 0};
+}
+
+double corner_angle(const Vec3d& at, const Vec3d& b, const Vec3d& c) { return std::atan2(length(cross(b - at, c - at)), dot(b - at, c - at)); }
+
+RTCRayHit shoot(RTCScene scene, const Vec3d& origin, const Vec3d& direction, float near) {
+  RTCRayHit hit{};
+  hit.ray.org_x = static_cast<float>(origin.x);
+  hit.ray.org_y = static_cast<float>(origin.y);
+  hit.ray.org_z = static_cast<float>(origin.z);
+  hit.ray.dir_x = static_cast<float>(direction.x);
+  hit.ray.dir_y = static_cast<float>(direction.y);
+  hit.ray.dir_z = static_cast<float>(direction.z);
+  hit.ray.tnear = near;
+  hit.ray.tfar = std::numeric_limits<float>::infinity();
+  hit.ray.mask = 0xffffffffu;
+  hit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(scene, &context, &hit);
+  return hit;
+}
+
+bool finite(const Vec3d& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+
+}  // namespace
+
+TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  const Vec3d ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = dot(ab, ap), d2 = dot(ac, ap);
+  if (d1 <= 0 && d2 <= 0) return {a, 0};
+  const Vec3d bp = p - b;
+  const double d3 = dot(ab, bp), d4 = dot(ac, bp);
+  if (d3 >= 0 && d4 <= d3) return {b, 1};
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) return {a + ab * (d1 / (d1 - d3)), 3};
+  const Vec3d cp = p - c;
+  const double d5 = dot(ab, cp), d6 = dot(ac, cp);
+  if (d6 >= 0 && d5 <= d6) return {c, 2};
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) return {a + ac * (d2 / (d2 - d6)), 5};
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) return {b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), 4};
+  const double scale = 1 / (va + vb + vc);
+  return {a + ab * (vb * scale) + ac * (vc * scale), 6};
+}
+
+struct MeshDistance::Impl {
+  std::vector<Vec3d> points;
+  std::vector<uint32_t> triangles;       // the surface: what distances are measured to
+  std::vector<uint32_t> source;          // per triangle, its number in the mesh given
+  std::vector<Vec3d> face_normals;       // unit, per triangle
+  std::vector<Vec3d> corner_normals;     // unit pseudonormals, 3 per triangle
+  std::vector<Vec3d> edge_normals;       // unit pseudonormals, 3 per triangle, edge k from corner k
+  std::vector<uint8_t> doubtful;         // per triangle: bit k < 3 corner k, bit 3 + k edge k: the sign there needs the winding number
+  SolidAngleTree solid;
+  Vec3d lower, upper, centre;
+  double diagonal = 0;
+  bool closed = true, overlapping = false;
+  RTCScene scene = nullptr;
+
+  struct Nearest {
+    const Impl* mesh;
+    Vec3d p;
+    double slack;  // in units of the diagonal
+    double squared;
+    TrianglePoint at{};
+    uint32_t triangle = std::numeric_limits<uint32_t>::max();
+  };
+
+  ~Impl() {
+    if (scene) rtcReleaseScene(scene);
+  }
+  void build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor* executor);
+  void find_normals(const std::vector<uint32_t>& welded);
+  void drop_overlaps(Executor* executor);
+  void quarter(const std::array<Vec3d, 3>& corners, uint32_t origin, int level, std::vector<Vec3d>& corners_out, std::vector<uint32_t>& source_out) const;
+  void make_scene();
+  int ray_winding(const Vec3d& origin, const Vec3d& direction) const;
+  const Vec3d& corner(size_t triangle, int k) const { return points[triangles[3 * triangle + k]]; }
+  bool on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at, double size) const;
+};
+
+namespace {
+
+// Exactly equal positions share a number, so that a soup has the topology it looks like.
+std::vector<uint32_t> weld(const std::vector<Vec3d>& points) {
+  std::vector<uint32_t> order(points.size()), welded(points.size());
+  for (uint32_t i = 0; i < order.size(); ++i) order[i] = i;
+  auto key = [&](uint32_t i) { return std::tie(points[i].x, points[i].y, points[i].z); };
+  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) != key(b) ? key(a) < key(b) : a < b; });
+  for (size_t k = 0; k < order.size(); ++k) welded[order[k]] = k > 0 && key(order[k]) == key(order[k - 1]) ? welded[order[k - 1]] : order[k];
+  return welded;
+}
+
+struct HalfEdge {
+  uint32_t low, high, slot;  // slot: 3 * triangle + k
+  bool forward;              // from low to high
+};
+
+}  // namespace
+
+void MeshDistance::Impl::build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor* executor) {
+  points.assign(all_points.begin(), all_points.end());
+  bool first = true;
+  for (size_t t = 0; t + 2 < all_triangles.size(); t += 3) {
+    for (int k = 0; k < 3; ++k)
+      if (all_triangles[t + k] >= points.size())
+        throw Error(ErrorCode::kInput, "triangle " + std::to_string(t / 3) + " uses vertex " + std::to_string(all_triangles[t + k]) + " of " +
+                                           std::to_string(points.size()), "the mesh is damaged; export it again");
+    const Vec3d &a = points[all_triangles[t]], &b = points[all_triangles[t + 1]], &c = points[all_triangles[t + 2]];
+    if (!finite(a) || !finite(b) || !finite(c) || !(length(cross(b - a, c - a)) > 0)) continue;
+    for (const Vec3d* p : {&a, &b, &c})
+      for (int k = 0; k < 3; ++k) {
+        lower[k] = first ? (*p)[k] : std::min(lower[k], (*p)[k]);
+        upper[k] = first ? (*p)[k] : std::max(upper[k], (*p)[k]);
+        if (k == 2) first = false;
+      }
+    for (int k = 0; k < 3; ++k) triangles.push_back(all_triangles[t + k]);
+    source.push_back(static_cast<uint32_t>(t / 3));
+  }
+  if (triangles.empty()) throw Error(ErrorCode::kInput, "the mesh has no triangle with an area", "distances need a surface");
+  centre = (lower + upper) * 0.5;
+  diagonal = length(upper - lower);
+  solid = SolidAngleTree(points, triangles);
+  find_normals(weld(points));
+  make_scene();
+  drop_overlaps(executor);
+}
+
+void MeshDistance::Impl::find_normals(const std::vector<uint32_t>& welded) {
+  const size_t count = triangles.size() / 3;
+  face_normals.resize(count);
+  corner_normals.resize(3 * count);
+  edge_normals.resize(3 * count);
+  doubtful.assign(count, 0);
+  std::vector<Vec3d> at_vertex(points.size(), Vec3d{0, 0, 0});
+  std::vector<HalfEdge> edges(3 * count);
+  for (size_t t = 0; t < count; ++t) {
+    face_normals[t] = unit_or_zero(cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0)));
+    for (int k = 0; k < 3; ++k) {
+      const uint32_t from = welded[triangles[3 * t + k]], to = welded[triangles[3 * t + (k + 1) % 3]];
+      at_vertex[from] += corner_angle(corner(t, k), corner(t, (k + 1) % 3), corner(t, (k + 2) % 3)) * face_normals[t];
+      edges[3 * t + k] = {std::min(from, to), std::max(from, to), static_cast<uint32_t>(3 * t + k), from < to};
+    }
+  }
+  std::sort(edges.begin(), edges.end(), [](const HalfEdge& a, const HalfEdge& b) { return std::tie(a.low, a.high, a.slot) < std::tie(b.low, b.high, b.slot); });
+  std::vector<uint8_t> doubtful_vertex(points.size(), 0);
+  for (size_t begin = 0; begin < edges.size();) {
+    size_t end = begin;
+    int forward = 0, backward = 0;
+    Vec3d normal{0, 0, 0};
+    for (; end < edges.size() && edges[end].low == edges[begin].low && edges[end].high == edges[begin].high; ++end) {
+      ++(edges[end].forward ? forward : backward);
+      normal += face_normals[edges[end].slot / 3];
+    }
+    closed = closed && forward == backward;
+    const bool sure = forward == 1 && backward == 1;
+    if (!sure) doubtful_vertex[edges[begin].low] = doubtful_vertex[edges[begin].high] = 1;
+    for (size_t k = begin; k < end; ++k) {
+      edge_normals[edges[k].slot] = unit_or_zero(normal);
+      if (!sure) doubtful[edges[k].slot / 3] |= static_cast<uint8_t>(8u << edges[k].slot % 3);
+    }
+    begin = end;
+  }
+  for (size_t slot = 0; slot < 3 * count; ++slot) {
+    corner_normals[slot] = unit_or_zero(at_vertex[welded[triangles[slot]]]);
+    if (doubtful_vertex[welded[triangles[slot]]]) doubtful[slot / 3] |= static_cast<uint8_t>(1u << slot % 3);
+  }
+}
+
+// The winding number as the crossings of a ray, ways out minus ways in: fast, but wrong where the ray grazes or meets an edge.
+int MeshDistance::Impl::ray_winding(const Vec3d& origin, const Vec3d& direction) const {
+  const Vec3d q = (origin - centre) * (1 / diagonal);
+  int winding = 0;
+  float near = 0;
+  for (int hits = 0; hits < 64; ++hits) {
+    const RTCRayHit hit = shoot(scene, q, direction, near);
+    if (hit.hit.geomID == RTC_INVALID_GEOMETRY_ID) break;
+    winding += dot(face_normals[hit.hit.primID], direction) > 0 ? 1 : -1;
+    near = std::nextafter(hit.ray.tfar * (1 + 1e-6f), 2e9f);
+  }
+  return winding;
+}
+
+// True when the solid is just below `at` and not just above it, which is what makes a triangle part of the surface.
+bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at, double size) const {
+  const Vec3d normal = unit_or_zero(cross(corners[1] - corners[0], corners[2] - corners[0]));
+  const Vec3d below = at - (kOverlapOffset * size) * normal;
+  if (ray_winding(below, unit_or_zero(Vec3d{0.217, -0.131, 0.173} - normal)) == 1) return true;
+  const double winding = solid.winding_number(below);
+  return winding > 0.5 && winding < 1.5;
+}
+
+void MeshDistance::Impl::quarter(const std::array<Vec3d, 3>& corners, uint32_t origin, int level, std::vector<Vec3d>& corners_out,
+                                 std::vector<uint32_t>& source_out) const {
+  const Vec3d centroid = (corners[0] + corners[1] + corners[2]) * (1.0 / 3);
+  const double size = std::sqrt(length(cross(corners[1] - corners[0], corners[2] - corners[0])));
+  int kept = on_surface(corners, centroid, size);
+  for (const Vec3d& corner : corners) kept += on_surface(corners, corner + 0.05 * (centroid - corner), size);
+  if (kept == 0) return;
+  if (kept == 4 || level == 0) {
+    corners_out.insert(corners_out.end(), corners.begin(), corners.end());
+    source_out.push_back(origin);
+    return;
+  }
+  const Vec3d &a = corners[0], &b = corners[1], &c = corners[2];
+  const Vec3d ab = (a + b) * 0.5, bc = (b + c) * 0.5, ca = (c + a) * 0.5;
+  for (const auto& part : {std::array{a, ab, ca}, std::array{ab, b, bc}, std::array{ca, bc, c}, std::array{ab, bc, ca}})
+    quarter(part, origin, level - 1, corners_out, source_out);
+}
+
+void MeshDistance::Impl::drop_overlaps(Executor* executor) {
+  const size_t count = triangles.size() / 3;
+  std::vector<uint8_t> inner(count, 0);
+  auto test = [&](uint32_t t) {
+    const std::array<Vec3d, 3> corners{corner(t, 0), corner(t, 1), corner(t, 2)};
+    inner[t] = !on_surface(corners, (corners[0] + corners[1] + corners[2]) * (1.0 / 3), std::sqrt(length(cross(corners[1] - corners[0], corners[2] - corners[0]))));
+  };
+  if (!closed) return;
+  if (executor) {
+    parallel_for(*executor, count, "mesh_distance_overlaps", test);
+  } else {
+    for (uint32_t t = 0; t < count; ++t) test(t);
+  }
+  overlapping = std::find(inner.begin(), inner.end(), 1) != inner.end();
+  if (!overlapping) return;
+
+  std::vector<Vec3d> corners_out;
+  std::vector<uint32_t> source_out;
+  for (size_t t = 0; t < count; ++t) quarter({corner(t, 0), corner(t, 1), corner(t, 2)}, source[t], kOverlapLevels, corners_out, source_out);
+  if (source_out.empty()) {  // no volume at all, a closed sheet: keep it as it is
+    overlapping = false;
+    doubtful.assign(count, 0x3f);
+    return;
+  }
+  points = std::move(corners_out);
+  source = std::move(source_out);
+  triangles.resize(points.size());
+  for (uint32_t k = 0; k < triangles.size(); ++k) triangles[k] = k;
+  face_normals.resize(source.size());
+  for (size_t t = 0; t < source.size(); ++t) face_normals[t] = unit_or_zero(cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0)));
+  corner_normals = edge_normals = {};
+  doubtful.assign(source.size(), 0x3f);
+  make_scene();
+}
+
+void MeshDistance::Impl::make_scene() {
+  RTCDevice device = embree_device();
+  if (scene) rtcReleaseScene(scene);
+  scene = rtcNewScene(device);
+  rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+  RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), points.size()));
+  auto* indices =
+      static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), triangles.size() / 3));
+  if (!vertices || !indices) {
+    rtcReleaseGeometry(geometry);
+    throw Error(ErrorCode::kMemory, "no memory for the distance search of " + std::to_string(triangles.size() / 3) + " triangles");
+  }
+  for (size_t i = 0; i < points.size(); ++i) {
+    const Vec3d q = finite(points[i]) ? (points[i] - centre) * (1 / diagonal) : Vec3d{0, 0, 0};
+    for (int k = 0; k < 3; ++k) vertices[3 * i + k] = static_cast<float>(q[k]);
+  }
+  std::copy(triangles.begin(), triangles.end(), indices);
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(scene, geometry);
+  rtcReleaseGeometry(geometry);
+  rtcCommitScene(scene);
+  if (rtcGetDeviceError(device) != RTC_ERROR_NONE) throw Error(ErrorCode::kMemory, "Embree could not build the distance search");
+}
+
+MeshDistance::MeshDistance(std::span<const Vec3d> points, std::span<const uint32_t> triangles, Executor* executor) : impl_(std::make_unique<Impl>()) {
+  impl_->build(points, triangles, executor);
+}
+
+MeshDistance::MeshDistance(std::span<const Vec3f> points, std::span<const uint32_t> triangles, Executor* executor) : impl_(std::make_unique<Impl>()) {
+  std::vector<Vec3d> exact(points.size());
+  std::transform(points.begin(), points.end(), exact.begin(), to_double);
+  impl_->build(exact, triangles, executor);
+}
+
+MeshDistance::~MeshDistance() = default;
+
+SignedDistance MeshDistance::signed_distance(const Vec3d& p, double radius) const {
+  const Impl& mesh = *impl_;
+  const Vec3d q = (p - mesh.centre) * (1 / mesh.diagonal);
+  const double reach = std::max({std::abs(q.x), std::abs(q.y), std::abs(q.z)});
+  Impl::Nearest nearest{&mesh, p, kSlack * (1 + reach), radius * radius};
+
+  RTCPointQuery query;
+  query.x = static_cast<float>(q.x);
+  query.y = static_cast<float>(q.y);
+  query.z = static_cast<float>(q.z);
+  query.time = 0;
+  query.radius = std::isfinite(radius) ? static_cast<float>(radius / mesh.diagonal + nearest.slack) : std::numeric_limits<float>::infinity();
+  RTCPointQueryContext context;
+  rtcInitPointQueryContext(&context);
+  rtcPointQuery(
+      mesh.scene, &query, &context,
+      [](RTCPointQueryFunctionArguments* arguments) {
+        Impl::Nearest& best = *static_cast<Impl::Nearest*>(arguments->userPtr);
+        const Impl& m = *best.mesh;
+        const uint32_t t = arguments->primID;
+        const TrianglePoint at = closest_point_on_triangle(best.p, m.corner(t, 0), m.corner(t, 1), m.corner(t, 2));
+        const Vec3d away = best.p - at.point;
+        const double squared = dot(away, away);
+        if (!(squared < best.squared || (squared == best.squared && t < best.triangle))) return false;
+        best.squared = squared;
+        best.at = at;
+        best.triangle = t;
+        const float shrunk = static_cast<float>(std::sqrt(squared) / m.diagonal * (1 + kSlack) + best.slack);
+        if (!(shrunk < arguments->query->radius)) return false;
+        arguments->query->radius = shrunk;
+        return true;
+      },
+      &nearest);
+
+  SignedDistance result;
+  if (nearest.triangle == std::numeric_limits<uint32_t>::max()) return result;
+  const uint32_t t = nearest.triangle;
+  const int feature = nearest.at.feature;
+  const Vec3d away = p - nearest.at.point;
+  const double distance = std::sqrt(nearest.squared);
+  Vec3d pseudo = mesh.face_normals[t];
+  const bool doubt = feature < 6 && (mesh.doubtful[t] >> feature & 1);
+  if (!doubt && feature < 3) pseudo = mesh.corner_normals[3 * t + feature];
+  if (!doubt && feature >= 3 && feature < 6) pseudo = mesh.edge_normals[3 * t + feature - 3];
+  const double above = dot(away, pseudo);
+  bool inside = above < 0;
+  if (distance > 1e-12 * mesh.diagonal && (doubt || mesh.overlapping || (feature < 6 && std::abs(above) < kGrazing * distance)))
+    inside = mesh.solid.winding_number(p) > 0.5;
+  result.distance = inside ? -distance : distance;
+  result.point = nearest.at.point;
+  result.normal = distance > 1e-9 * mesh.diagonal ? away * (1 / result.distance) : pseudo;
+  result.triangle = mesh.source[t];
+  return result;
+}
+
+double MeshDistance::winding_number(const Vec3d& p) const { return impl_->solid.winding_number(p); }
+
+double MeshDistance::first_hit(const Vec3d& origin, const Vec3d& direction) const {
+  const Vec3d q = (origin - impl_->centre) * (1 / impl_->diagonal);
+  const RTCRayHit hit = shoot(impl_->scene, q, direction, 0);
+  return hit.hit.geomID == RTC_INVALID_GEOMETRY_ID ? std::numeric_limits<double>::infinity() : hit.ray.tfar * impl_->diagonal;
+}
+
+bool MeshDistance::closed() const { return impl_->closed; }
+bool MeshDistance::overlapping() const { return impl_->overlapping; }
+double MeshDistance::diagonal() const { return impl_->diagonal; }
+Vec3d MeshDistance::lower() const { return impl_->lower; }
+Vec3d MeshDistance::upper() const { return impl_->upper; }
+
+}  // namespace knead
