@@ -23,15 +23,21 @@ std::string Where::text() const {
   std::string text = file;
   if (line > 0) text += (text.empty() ? "line " : ":") + std::to_string(line);
   if (line > 0 && column > 0) text += ":" + std::to_string(column);
-  if (!node.empty()) text += (text.empty() ? "" : ", ") + ("node '" + node + "'");
-  if (!member.empty()) text += (text.empty() ? "" : ", ") + ("'" + member + "'");
+  const auto quote = [&](const char* what, const std::string& name) {
+    if (name.empty()) return;
+    text.append(text.empty() ? "" : ", ").append(what).append("'").append(name).append("'");
+  };
+  quote("node ", node);
+  quote("", member);
   return text;
 }
 
 Error::Error(ErrorCode code, Where where, std::string message, std::string hint)
     : code_(code), where_(std::move(where)), message_(std::move(message)), hint_(std::move(hint)) {
-  const std::string place = where_.text();
-  text_ = (place.empty() ? "" : place + ": ") + message_ + (hint_.empty() ? "" : " (" + hint_ + ")");
+  text_ = where_.text();
+  if (!text_.empty()) text_ += ": ";
+  text_ += message_;
+  if (!hint_.empty()) text_.append(" (").append(hint_).append(")");
 }
 
 Error::Error(ErrorCode code, std::string message, std::string hint) : Error(code, Where{}, std::move(message), std::move(hint)) {}
@@ -50,7 +56,7 @@ Error Error::at(const Where& outer) const {
 
 static std::string all_lines(const std::vector<Error>& errors) {
   std::string text;
-  for (const Error& error : errors) text += (text.empty() ? "" : "\n") + std::string(error.what());
+  for (const Error& error : errors) text.append(text.empty() ? "" : "\n").append(error.what());
   return text;
 }
 
