@@ -6,7 +6,7 @@
 #include <numeric>
 #include <tuple>
 
-#include "kernels/solid_angle_tree.h"
+#include "kernels/winding_number.h"
 
 namespace knead {
 namespace {
@@ -172,25 +172,25 @@ std::vector<Piece> find_pieces(const ClosedMesh& mesh) {
   return pieces;
 }
 
-double winding_about(const ClosedMesh& mesh, const Piece& piece, const Vec3d& p) {
-  double sum = 0;
-  for (uint32_t t : piece.triangles)
-    sum += solid_angle(to_double(mesh.points[mesh.triangles[3 * t]]) - p, to_double(mesh.points[mesh.triangles[3 * t + 1]]) - p,
-                       to_double(mesh.points[mesh.triangles[3 * t + 2]]) - p);
-  return sum / (4 * 3.14159265358979323846);
+double winding_about(const std::vector<Vec3d>& points, const ClosedMesh& mesh, const Piece& piece, const Vec3d& p) {
+  std::vector<uint32_t> triangles;
+  for (uint32_t t : piece.triangles) triangles.insert(triangles.end(), mesh.triangles.begin() + 3 * t, mesh.triangles.begin() + 3 * t + 3);
+  return winding_number_exact(points, triangles, p);
 }
 
 void face_outwards(ClosedMesh& mesh) {
   std::vector<Piece> pieces = find_pieces(mesh);
   if (std::none_of(pieces.begin(), pieces.end(), [](const Piece& p) { return p.volume < 0; })) return;
   std::stable_sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) { return std::abs(a.volume) > std::abs(b.volume); });
+  std::vector<Vec3d> points(mesh.points.size());
+  std::transform(mesh.points.begin(), mesh.points.end(), points.begin(), to_double);
   for (size_t k = 0; k < pieces.size(); ++k) {
     const Vec3d p = to_double(mesh.points[mesh.triangles[3 * pieces[k].triangles[0]]]);
     const Piece* container = nullptr;  // the smallest piece around this one
     for (size_t j = 0; j < k; ++j) {
       bool within = true;
       for (int axis = 0; axis < 3; ++axis) within = within && p[axis] > pieces[j].lower[axis] && p[axis] < pieces[j].upper[axis];
-      if (within && std::abs(winding_about(mesh, pieces[j], p)) > 0.5) container = &pieces[j];
+      if (within && std::abs(winding_about(points, mesh, pieces[j], p)) > 0.5) container = &pieces[j];
     }
     pieces[k].turned = container ? container->turned : pieces[k].volume < 0;
   }

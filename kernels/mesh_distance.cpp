@@ -10,7 +10,7 @@
 
 #include "graph/error.h"
 #include "kernels/parallel.h"
-#include "kernels/solid_angle_tree.h"
+#include "kernels/winding_number.h"
 
 namespace knead {
 namespace {
@@ -87,7 +87,7 @@ struct MeshDistance::Impl {
   std::vector<Vec3d> corner_normals;     // unit pseudonormals, 3 per triangle
   std::vector<Vec3d> edge_normals;       // unit pseudonormals, 3 per triangle, edge k from corner k
   std::vector<uint8_t> doubtful;         // per triangle: bit k < 3 corner k, bit 3 + k edge k: the sign there needs the winding number
-  SolidAngleTree solid;
+  std::unique_ptr<WindingNumber> solid;
   Vec3d lower, upper, centre;
   double diagonal = 0;
   bool closed = true, overlapping = false;
@@ -105,9 +105,9 @@ struct MeshDistance::Impl {
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
   }
-  void build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor* executor);
+  void build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor& executor);
   void find_normals(const std::vector<uint32_t>& welded);
-  void drop_overlaps(Executor* executor);
+  void drop_overlaps(Executor& executor);
   void quarter(const std::array<Vec3d, 3>& corners, uint32_t origin, int level, std::vector<Vec3d>& corners_out, std::vector<uint32_t>& source_out) const;
   void make_scene();
   int ray_winding(const Vec3d& origin, const Vec3d& direction) const;
@@ -134,7 +134,7 @@ struct HalfEdge {
 
 }  // namespace
 
-void MeshDistance::Impl::build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor* executor) {
+void MeshDistance::Impl::build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor& executor) {
   points.assign(all_points.begin(), all_points.end());
   bool first = true;
   for (size_t t = 0; t + 2 < all_triangles.size(); t += 3) {
@@ -156,7 +156,7 @@ void MeshDistance::Impl::build(std::span<const Vec3d> all_points, std::span<cons
   if (triangles.empty()) throw Error(ErrorCode::kInput, "the mesh has no triangle with an area", "distances need a surface");
   centre = (lower + upper) * 0.5;
   diagonal = length(upper - lower);
-  solid = SolidAngleTree(points, triangles);
+  solid = std::make_unique<WindingNumber>(points, triangles, executor);
   find_normals(weld(points));
   make_scene();
   drop_overlaps(executor);
@@ -222,7 +222,7 @@ bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const V
   const Vec3d normal = unit_or_zero(cross(corners[1] - corners[0], corners[2] - corners[0]));
   const Vec3d below = at - (kOverlapOffset * size) * normal;
   if (ray_winding(below, unit_or_zero(Vec3d{0.217, -0.131, 0.173} - normal)) == 1) return true;
-  const double winding = solid.winding_number(below);
+  const double winding = solid->at(below);
   return winding > 0.5 && winding < 1.5;
 }
 
@@ -244,19 +244,15 @@ void MeshDistance::Impl::quarter(const std::array<Vec3d, 3>& corners, uint32_t o
     quarter(part, origin, level - 1, corners_out, source_out);
 }
 
-void MeshDistance::Impl::drop_overlaps(Executor* executor) {
+void MeshDistance::Impl::drop_overlaps(Executor& executor) {
   const size_t count = triangles.size() / 3;
   std::vector<uint8_t> inner(count, 0);
+  if (!closed) return;
   auto test = [&](uint32_t t) {
     const std::array<Vec3d, 3> corners{corner(t, 0), corner(t, 1), corner(t, 2)};
     inner[t] = !on_surface(corners, (corners[0] + corners[1] + corners[2]) * (1.0 / 3), std::sqrt(length(cross(corners[1] - corners[0], corners[2] - corners[0]))));
   };
-  if (!closed) return;
-  if (executor) {
-    parallel_for(*executor, count, "mesh_distance_overlaps", test);
-  } else {
-    for (uint32_t t = 0; t < count; ++t) test(t);
-  }
+  parallel_for(executor, count, "mesh_distance_overlaps", test);
   overlapping = std::find(inner.begin(), inner.end(), 1) != inner.end();
   if (!overlapping) return;
 
@@ -305,13 +301,13 @@ void MeshDistance::Impl::make_scene() {
 }
 
 MeshDistance::MeshDistance(std::span<const Vec3d> points, std::span<const uint32_t> triangles, Executor* executor) : impl_(std::make_unique<Impl>()) {
-  impl_->build(points, triangles, executor);
+  impl_->build(points, triangles, executor ? *executor : *make_serial_executor());
 }
 
 MeshDistance::MeshDistance(std::span<const Vec3f> points, std::span<const uint32_t> triangles, Executor* executor) : impl_(std::make_unique<Impl>()) {
   std::vector<Vec3d> exact(points.size());
   std::transform(points.begin(), points.end(), exact.begin(), to_double);
-  impl_->build(exact, triangles, executor);
+  impl_->build(exact, triangles, executor ? *executor : *make_serial_executor());
 }
 
 MeshDistance::~MeshDistance() = default;
@@ -363,7 +359,7 @@ SignedDistance MeshDistance::signed_distance(const Vec3d& p, double radius) cons
   const double above = dot(away, pseudo);
   bool inside = above < 0;
   if (distance > 1e-12 * mesh.diagonal && (doubt || mesh.overlapping || (feature < 6 && std::abs(above) < kGrazing * distance)))
-    inside = mesh.solid.winding_number(p) > 0.5;
+    inside = mesh.solid->at(p) > 0.5;
   result.distance = inside ? -distance : distance;
   result.point = nearest.at.point;
   result.normal = distance > 1e-9 * mesh.diagonal ? away * (1 / result.distance) : pseudo;
@@ -371,7 +367,7 @@ SignedDistance MeshDistance::signed_distance(const Vec3d& p, double radius) cons
   return result;
 }
 
-double MeshDistance::winding_number(const Vec3d& p) const { return impl_->solid.winding_number(p); }
+double MeshDistance::winding_number(const Vec3d& p) const { return impl_->solid->at(p); }
 
 double MeshDistance::first_hit(const Vec3d& origin, const Vec3d& direction) const {
   const Vec3d q = (origin - impl_->centre) * (1 / impl_->diagonal);

@@ -27,7 +27,7 @@ struct SignedDistance {
 class MeshDistance {
  public:
   // Copies what it needs. Triangles without area and those with a non-finite corner are passed over. Throws Error(kInput) when none is left or an index is
-  // out of range. An executor makes the test for overlaps parallel.
+  // out of range. An executor makes the preparation parallel.
   MeshDistance(std::span<const Vec3f> points, std::span<const uint32_t> triangles, Executor* executor = nullptr);
   MeshDistance(std::span<const Vec3d> points, std::span<const uint32_t> triangles, Executor* executor = nullptr);
   ~MeshDistance();
@@ -36,7 +36,7 @@ class MeshDistance {
 
   // All queries are const and thread-safe; p must be finite. `radius` bounds the search and makes it faster.
   SignedDistance signed_distance(const Vec3d& p, double radius = std::numeric_limits<double>::infinity()) const;
-  double winding_number(const Vec3d& p) const;  // approximate, see kernels/solid_angle_tree.h
+  double winding_number(const Vec3d& p) const;  // approximate, see kernels/winding_number.h
   bool inside(const Vec3d& p) const { return winding_number(p) > 0.5; }
 
   // Distance to the first triangle met from `origin` along the unit `direction`, or infinity. Float accuracy.

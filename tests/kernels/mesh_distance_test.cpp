@@ -6,7 +6,7 @@
 
 #include "graph/error.h"
 #include "kernels/primitives.h"
-#include "kernels/solid_angle_tree.h"
+#include "kernels/winding_number.h"
 
 namespace {
 
@@ -78,11 +78,10 @@ TEST(MeshDistance, AgreesWithBruteForceAtAnyScaleAndOffset) {
     std::mt19937 random(2);
     for (int i = 0; i < 300; ++i) {
       const Vec3d p = random_in_cube(random, 1.6) * scale + Vec3d{3 * scale, 0, 0};
-      double best = 1e300, winding = 0;
-      for (size_t k = 0; k < t.size(); k += 3) {
+      double best = 1e300;
+      const double winding = knead::winding_number_exact(points, t, p);
+      for (size_t k = 0; k < t.size(); k += 3)
         best = std::min(best, length(p - knead::closest_point_on_triangle(p, points[t[k]], points[t[k + 1]], points[t[k + 2]]).point));
-        winding += knead::solid_angle(points[t[k]] - p, points[t[k + 1]] - p, points[t[k + 2]] - p) / (4 * M_PI);
-      }
       ASSERT_NEAR(mesh.winding_number(p), winding, 0.05);
       ASSERT_NEAR(mesh.signed_distance(p).distance, winding > 0.5 ? -best : best, 1e-12 * scale);
     }
