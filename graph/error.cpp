@@ -21,8 +21,8 @@ const char* name_of(ErrorCode code) {
 
 std::string Where::text() const {
   std::string text = file;
-  if (line > 0) text += (text.empty() ? "line " : ":") + std::to_string(line);
-  if (line > 0 && column > 0) text += ":" + std::to_string(column);
+  if (line > 0) text.append(text.empty() ? "line " : ":").append(std::to_string(line));
+  if (line > 0 && column > 0) text.append(":").append(std::to_string(column));
   const auto quote = [&](const char* what, const std::string& name) {
     if (name.empty()) return;
     text.append(text.empty() ? "" : ", ").append(what).append("'").append(name).append("'");
