@@ -44,7 +44,7 @@ struct PictureSettings {
   ColliderLook colliders = ColliderLook::kSolid;
   bool ground = true;              // a floor that shows shadows and hides nothing
   std::optional<double> floor;     // its height, world units along `up`; the frame's lowest corner when unset
-  Colour skin{0.78f, 0.50f, 0.40f};
+  Colour skin{0.74f, 0.44f, 0.34f};
   Colour collider{0.36f, 0.42f, 0.50f};
   // With values: the body is coloured by them from range_low to range_high, with a scale bar.
   double range_low = 0, range_high = 1;

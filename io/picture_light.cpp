@@ -92,8 +92,8 @@ Colour Studio::shade(const RenderHit& hit, const Vec3f& to_eye, const Colour& al
   // Light bleeds around the terminator of flesh, red furthest; shadows on it are warm for the same reason.
   const float wrap[3] = {flesh ? 0.42f : 0.10f, flesh ? 0.18f : 0.10f, flesh ? 0.10f : 0.10f};
   const float bleed[3] = {flesh ? 0.75f : 1.0f, flesh ? 1.05f : 1.0f, flesh ? 1.15f : 1.0f};
-  const float key_light[3] = {1.02f, 0.97f, 0.90f}, fill_light[3] = {0.15f, 0.17f, 0.20f};
-  const float sky_light[3] = {0.40f, 0.43f, 0.47f}, floor_light[3] = {0.24f, 0.21f, 0.19f};
+  const float key_light[3] = {1.16f, 1.10f, 1.01f}, fill_light[3] = {0.15f, 0.17f, 0.20f};
+  const float sky_light[3] = {0.31f, 0.335f, 0.37f}, floor_light[3] = {0.19f, 0.165f, 0.15f};
   const float nl = dot(hit.normal, key_), nf = std::max(0.0f, dot(hit.normal, fill_)), upward = 0.5f + 0.5f * dot(hit.normal, sky_up_);
   const float colour[3] = {albedo.r, albedo.g, albedo.b};
   float out[3];

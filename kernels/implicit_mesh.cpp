@@ -68,17 +68,18 @@ TriangleMesh contour(ImplicitFunction value, const Vec3d& lower, const Vec3d& up
   return mesh;
 }
 
-Remesher::Remesher(TriangleMesh mesh, ImplicitFunction value) : points_(std::move(mesh.points)), faces_(std::move(mesh.triangles)), value_(value) {
+Remesher::Remesher(TriangleMesh mesh, ImplicitFunction value, ImplicitFunction edge)
+    : points_(std::move(mesh.points)), faces_(std::move(mesh.triangles)), value_(value), edge_(edge) {
   vertex_faces_.resize(points_.size());
   live_ = points_.size();
   double size = 0;
   for (uint32_t f = 0; f < faces_.size() / 3; ++f)
     for (int c = 0; c < 3; ++c) vertex_faces_[faces_[3 * f + c]].push_back(f);
   for (const Vec3d& p : points_) size = std::max(size, length(p));
-  step_ = 1e-4 * size;
+  reach_ = 0.1 * size;
 }
 
-double Remesher::length_of(uint32_t a, uint32_t b) const { return length(points_[a] - points_[b]); }
+double Remesher::length_of(uint32_t a, uint32_t b) const { return length(points_[a] - points_[b]) / edge_(0.5 * (points_[a] + points_[b])); }
 
 Vec3d Remesher::normal_of(uint32_t a, uint32_t b, uint32_t c) const { return cross(points_[b] - points_[a], points_[c] - points_[a]); }
 
@@ -142,6 +143,7 @@ bool Remesher::collapse(uint32_t a, uint32_t b, double longest) {
   const uint32_t across[2] = {opposite(sides[0], a, b), opposite(sides[1], a, b)};
   if (vertex_faces_[across[0]].size() <= 3 || vertex_faces_[across[1]].size() <= 3) return false;
   const Vec3d middle = 0.5 * (points_[a] + points_[b]);
+  longest *= edge_(middle);
   int common = 0;
   for (uint32_t f : vertex_faces_[b])
     for (int c = 0; c < 3; ++c) {
@@ -208,22 +210,17 @@ void Remesher::flip_all() {
   }
 }
 
-Vec3d Remesher::project(Vec3d p) const {
-  for (int round = 0; round < 3; ++round) {
-    const double v = value_(p);
-    Vec3d gradient{};
-    for (int k = 0; k < 3; ++k) {
-      Vec3d ahead = p, behind = p;
-      ahead[k] += step_;
-      behind[k] -= step_;
-      gradient[k] = (value_(ahead) - value_(behind)) / (2 * step_);
-    }
-    const double slope = dot(gradient, gradient);
-    if (slope < 1e-6) break;
-    p -= gradient * (v / std::max(slope, 0.1));
-    if (std::abs(v) < 1e-3 * step_) break;
+Vec3d Remesher::project(const Vec3d& p, const Vec3d& normal) const {
+  double before = 0, value_before = value_(p);
+  double at = std::clamp(-value_before, -reach_, reach_);
+  for (int round = 0; round < 5 && at != before; ++round) {  // secants
+    const double value = value_(p + at * normal);
+    if (std::abs(value) < 1e-6 * reach_) break;
+    const double slope = std::max(0.3, (value - value_before) / (at - before));
+    before = std::exchange(at, std::clamp(at - value / slope, -reach_, reach_));
+    value_before = value;
   }
-  return p;
+  return p + at * normal;
 }
 
 void Remesher::smooth() {
@@ -234,16 +231,16 @@ void Remesher::smooth() {
     double total = 0;
     for (uint32_t f : vertex_faces_[v]) {  // pulled to the middles of its triangles by their areas: evens out areas
       const uint32_t* c = &faces_[3 * f];
-      const Vec3d n = normal_of(c[0], c[1], c[2]);
-      const double area = length(n);
+      const Vec3d n = normal_of(c[0], c[1], c[2]), middle = (points_[c[0]] + points_[c[1]] + points_[c[2]]) * (1.0 / 3);
+      const double wanted = edge_(middle), area = length(n) / (wanted * wanted);
       normal += n;
-      centre += (points_[c[0]] + points_[c[1]] + points_[c[2]]) * (area / 3);
+      centre += middle * area;
       total += area;
     }
     const double size = length(normal);
     if (total <= 0 || size <= 0) continue;
     const Vec3d to = centre * (1 / total) - points_[v], unit = normal * (1 / size);
-    moved[v] = project(points_[v] + to - unit * dot(to, unit));
+    moved[v] = project(points_[v] + to - unit * dot(to, unit), unit);
   }
   points_ = std::move(moved);
 }
@@ -293,12 +290,13 @@ TriangleMesh Remesher::result() const {
   return mesh;
 }
 
-TriangleMesh contour_uniform(ImplicitFunction value, const Vec3d& lower, const Vec3d& upper, int vertices) {
-  const auto area_of = [](const TriangleMesh& mesh) {
+TriangleMesh contour_even(ImplicitFunction value, const Vec3d& lower, const Vec3d& upper, int vertices, ImplicitFunction edge) {
+  const auto area_of = [&](const TriangleMesh& mesh) {  // in units of the squared edge asked for
     double area = 0;
     for (size_t t = 0; t < mesh.triangles.size(); t += 3) {
       const Vec3d& a = mesh.points[mesh.triangles[t]];
-      area += 0.5 * length(cross(mesh.points[mesh.triangles[t + 1]] - a, mesh.points[mesh.triangles[t + 2]] - a));
+      const double wanted = edge(a);
+      area += 0.5 * length(cross(mesh.points[mesh.triangles[t + 1]] - a, mesh.points[mesh.triangles[t + 2]] - a)) / (wanted * wanted);
     }
     return area;
   };
@@ -306,10 +304,10 @@ TriangleMesh contour_uniform(ImplicitFunction value, const Vec3d& lower, const V
   // Equilateral triangles, two a vertex; splits at 4/3 and collapses at 4/5 settle a little below the edge asked for.
   const auto edge_for = [&](double area) { return 1.02 * std::sqrt(area / vertices * 2 / std::sqrt(3.0)); };
   const double coarse = edge_for(area_of(contour(value, lower, upper, span / 24)));
-  TriangleMesh start = contour(value, lower, upper, std::clamp(coarse, span / 160, span / 30));
-  const double edge = edge_for(area_of(start));
-  Remesher remesher(std::move(start), value);
-  for (int i = 0; i < 8; ++i) remesher.round(edge);
+  TriangleMesh start = contour(value, lower, upper, std::clamp(0.7 * coarse, span / 160, span / 60));
+  const double unit = edge_for(area_of(start));
+  Remesher remesher(std::move(start), value, edge);
+  for (int i = 0; i < 8; ++i) remesher.round(unit);
   for (int i = 0; i < 3; ++i) {
     remesher.reach(static_cast<size_t>(vertices));
     remesher.settle(4);
