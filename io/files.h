@@ -1,0 +1,56 @@
+// Files: numbered names, whole reads with clear errors, and writes that are complete or absent.
+#pragma once
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "graph/error.h"
+#include "graph/hash.h"
+
+namespace knead {
+
+inline Where in_file(const std::string& path, int line = 0, int column = 0) { return {path, line, column, {}, {}}; }
+
+// '#'s in the last component of `path` stand for the frame: each run of n becomes the frame padded with zeros to n digits ("a.####.obj", 7: "a.0007.obj";
+// -7: "a.-0007.obj"; more digits than '#'s are kept). A path without '#' comes back as it is; folders are never touched, so that "C#/a.obj" is no pattern.
+std::string frame_path(const std::string& path, int frame);
+bool has_frame_pattern(const std::string& path);
+
+// The bytes of a file. Throws Error(kFile) that names the path: missing (with the nearest existing name), unreadable, or a directory.
+std::string read_whole_file(const std::string& path);
+
+// Hash of a file's bytes, remembered by path, time, size and inode, so that asking again costs one stat. Thread-safe. Throws as read_whole_file.
+Key file_content_key(const std::string& path);
+
+// A file that appears under its name when `commit` is called, and not before: it is written under a temporary name in the same folder, synced and renamed.
+// Without commit nothing is left behind. Missing folders are made. Every failure (no permission, full disk) throws Error(kFile) that names the path.
+// Devices and pipes (/dev/stdout) are written to directly.
+class WholeFile {
+ public:
+  explicit WholeFile(std::string path);
+  ~WholeFile();
+  WholeFile(const WholeFile&) = delete;
+  WholeFile& operator=(const WholeFile&) = delete;
+
+  void write(std::string_view bytes);
+  void commit();
+  const std::string& path() const { return path_; }
+  // Where the bytes go until then, for libraries that open files by themselves (they must write to this name and close it; call `close` first).
+  const std::string& temporary_path() const { return temporary_; }
+  void close();
+
+ private:
+  [[noreturn]] void fail(const char* doing, int error) const;
+  void flush();
+
+  std::string path_;
+  std::string temporary_;  // empty when writing to a device
+  std::string pending_;
+  int file_ = -1;
+  bool committed_ = false;
+};
+
+// A file made whole in one call.
+void write_whole_file(const std::string& path, std::string_view bytes);
+
+}  // namespace knead
