@@ -221,7 +221,8 @@ int MeshDistance::Impl::ray_winding(const Vec3d& origin, const Vec3d& direction)
 bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at, double size) const {
   const Vec3d normal = unit_or_zero(cross(corners[1] - corners[0], corners[2] - corners[0]));
   const Vec3d below = at - (kOverlapOffset * size) * normal;
-  if (ray_winding(below, unit_or_zero(Vec3d{0.217, -0.131, 0.173} - normal)) == 1) return true;
+  const int one = ray_winding(below, unit_or_zero(Vec3d{0.217, -0.131, 0.173} - normal));
+  if (one == 1 || one == ray_winding(below, unit_or_zero(Vec3d{-0.319, 0.273, -0.147} + normal))) return one == 1;
   const double winding = solid->at(below);
   return winding > 0.5 && winding < 1.5;
 }

@@ -1,0 +1,137 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "graph/registry.h"
+#include "io/vdb.h"
+#include "kernels/closed_mesh.h"
+#include "kernels/data.h"
+#include "kernels/mesh_distance.h"
+#include "kernels/primitives.h"
+
+namespace knead {
+
+// What the frames share: the field in the collider's own space, and what had to be said about it.
+struct SolidField {
+  Sdf sdf;
+  std::vector<std::string> warnings;
+};
+template <>
+struct PortTraits<SolidField> {
+  static constexpr const char* name = "SolidField";
+  template <class F>
+  static void each_buffer(SolidField& v, F&& f) { f(v.sdf.grid); }
+};
+
+namespace {
+
+const char* const kManual = R"(A collider mesh as a signed distance field: negative inside, in world units, exact at the voxels.
+
+The field knows its whole inside, as deep as a body can go in, and a band of `band` voxels outside; beyond that it is a positive constant. It is built once in
+the collider's own space and moved with it, as long as the collider only turns, moves and scales; a mesh whose points change is built again for every frame.
+
+`voxel_size` is in world units. 0 takes the longest side over `resolution`. Distances come from the triangles themselves (Embree), not from OpenVDB's mesh
+converter: that one fills hollow shells, leaks into open ones and takes many times longer for deep interiors. Inside is where the winding number is above one
+half. So an inner shell that faces the other way is a cavity, solids that overlap are one solid, and a mesh that faces inwards all over is turned round.
+Openings are closed by a cone over their rim. Whatever was assumed is said in a warning.
+
+A part thinner than about two voxels can be missed by the samples: a warning names the voxel size that would do. A field that would not fit in `memory_limit`
+is an error with the estimate and a voxel size that fits, before memory is taken.)";
+
+constexpr double kThinShare = 0.02;       // of the area: less than this is an edge or a tip
+constexpr size_t kThicknessRays = 20000;
+
+class MeshToSdf : public Node {
+ public:
+  In<Surface> mesh{this, "mesh", {.unit = "world", .doc = "the collider; open, inside-out and self-intersecting ones too"}};
+  Param<double> voxel_size{this, "voxel_size", 0, {.min = 0, .unit = "world", .doc = "edge of a voxel; 0: the longest side over `resolution`"}};
+  Param<int> resolution{this, "resolution", 96, {.min = 4, .max = 100000, .doc = "voxels along the longest side when voxel_size is 0"}};
+  Param<double> band{this, "band", 4, {.min = 2, .max = 100, .unit = "voxels", .doc = "how far outside distances are known"}};
+  Param<int> memory_limit{this, "memory_limit", 2048, {.min = 1, .unit = "MiB", .doc = "what the build may take"}};
+  Out<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "signed distance, negative inside, with the mesh for exact projection"}};
+
+  void evaluate(Context& context) const override {
+    const Surface& surface = context.get(mesh);
+    const double scale = surface.placement.scale;
+    Hasher key;
+    key.add("mesh_to_sdf").add(surface.points.id()).add(voxel_size() / scale).add(resolution()).add(band()).add(memory_limit());
+    if (surface.topology) key.bytes(surface.topology->triangles.data(), surface.topology->triangles.size() * sizeof(uint32_t));
+    const Value shared = context.once(key.key(), [&] { return Value::of(build(context, surface)); });
+    const SolidField& field = shared.as<SolidField>();
+    for (const std::string& warning : field.warnings) context.warn(warning);
+    Sdf placed = field.sdf;
+    placed.placement = surface.placement;
+    context.set(sdf, std::move(placed));
+  }
+
+ private:
+  SolidField build(Context& context, const Surface& surface) const {
+    Executor& executor = context.executor();
+    const double scale = surface.placement.scale;
+    const std::span<const uint32_t> triangles = surface.topology ? std::span<const uint32_t>(surface.topology->triangles) : std::span<const uint32_t>();
+    ClosedMesh solid = close_mesh(surface.points.host(), triangles);
+    if (solid.triangles.empty())
+      throw Error(ErrorCode::kInput, fmt::format("the collider has no triangle with an area ({} triangles given)", triangles.size() / 3), "is this the right mesh?");
+    const MeshDistance distance(std::span<const Vec3f>(solid.points), solid.triangles, &executor);
+    context.check_cancelled();
+
+    SdfPlan plan;
+    plan.lower = solid.lower;
+    plan.upper = solid.upper;
+    plan.origin = (plan.lower + plan.upper) * 0.5;
+    const Vec3d size = plan.upper - plan.lower;
+    plan.voxel_size = voxel_size() > 0 ? voxel_size() / scale : std::max({size.x, size.y, size.z}) / resolution();
+    plan.band = band();
+    plan.memory_limit = static_cast<uint64_t>(memory_limit()) << 20;
+    plan.world_scale = scale;
+
+    SolidField field;
+    if (std::string assumed = solid.assumptions(); !assumed.empty()) field.warnings.push_back("collider: " + assumed);
+    if (distance.overlapping()) field.warnings.push_back("collider: parts of it lie inside others; the field is that of their union");
+    field.sdf = build_sdf(executor, plan, [&](const Vec3d& local, double radius) {
+      const SignedDistance nearest = distance.signed_distance(local, radius);
+      return nearest.found() ? nearest.distance : distance.signed_distance(local).distance;
+    });
+    warn_if_thin(distance, solid, plan, scale, field);
+    field.sdf.mesh = std::make_shared<Surface>(make_triangle_surface(std::move(solid.points), std::move(solid.triangles)));
+    return field;
+  }
+
+  // Measures the thickness under the triangles by rays, and compares it with what voxels can hold.
+  static void warn_if_thin(const MeshDistance& distance, const ClosedMesh& solid, const SdfPlan& plan, double scale, SolidField& field) {
+    std::vector<std::pair<double, double>> thickness;  // (length, area)
+    double total = 0, thin = 0;
+    const size_t count = solid.triangles.size() / 3, step = 1 + count / kThicknessRays;
+    for (size_t t = 0; t < count; t += step) {
+      const Vec3d a = to_double(solid.points[solid.triangles[3 * t]]), b = to_double(solid.points[solid.triangles[3 * t + 1]]),
+                  c = to_double(solid.points[solid.triangles[3 * t + 2]]), along = cross(b - a, c - a);
+      const double twice = length(along);
+      if (!(twice > 0)) continue;
+      const Vec3d inward = along * (-1 / twice), start = (a + b + c) * (1.0 / 3) + (1e-3 * std::sqrt(twice)) * inward;
+      thickness.push_back({distance.first_hit(start, inward), twice});
+      total += twice;
+      if (thickness.back().first < 2 * plan.voxel_size) thin += twice;
+    }
+    if (field.sdf.inside_depth > 0 && thin < kThinShare * total) return;
+    std::sort(thickness.begin(), thickness.end());
+    double below = 0, would_do = 0;
+    for (const auto& [length, area] : thickness) {
+      below += area;
+      would_do = length / 2;
+      if (below >= kThinShare * total && would_do > 1e-6 * distance.diagonal()) break;
+    }
+    const bool sheet = std::abs(solid.volume) < 1e-9 * solid.area * distance.diagonal();
+    if (sheet) {
+      field.warnings.push_back("collider: it is a sheet without volume, so nothing is ever inside it; give it a thickness");
+    } else {
+      field.warnings.push_back(fmt::format("collider: {:.0f} % of its surface is on parts thinner than two voxels of {:.4g}, which samples can miss; a voxel size of {:.3g} would do",
+                                           100 * thin / total, plan.voxel_size * scale, would_do * scale));
+    }
+  }
+};
+
+}  // namespace
+
+KNEAD_REGISTER(mesh_to_sdf, MeshToSdf, 1, kManual)
+
+}  // namespace knead
