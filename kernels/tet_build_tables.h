@@ -1,0 +1,16 @@
+// The vertices of H put in their final order, and the tables that the loop runs on.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "kernels/tet_build_mesh.h"
+
+namespace knead {
+
+// Renumbers vertices by falling number of tets, along the Morton curve where that is equal.
+void sort_vertices(RawTets& raw);
+
+// Tet space has its origin at `origin` (a place): positions are exact in float32.
+TetMesh make_tet_mesh(const RawTets& raw, const std::array<int32_t, 3>& origin, Executor& executor);
+
+}  // namespace knead
