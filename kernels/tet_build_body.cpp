@@ -213,6 +213,22 @@ void judge_edges(SoftBody& body, Executor& executor, std::vector<std::string>& w
     warnings.push_back("the surface is not manifold (" + counted(counts.crowded, "edge has", "edges have") + " more than two triangles): taken as it is");
 }
 
+// Faces without area have no triangles in the topology. Their edges still close the surface and their vertices are still M's, so they come back as fans.
+void add_flat_faces(const MeshTopology& topology, std::span<const Vec3f> local, SoftBody& body) {
+  std::vector<uint8_t> has_area(topology.faces(), 0);
+  for (const uint32_t face : topology.triangle_faces) has_area[face] = 1;
+  for (size_t face = 0; face < topology.faces(); ++face) {
+    const std::span<const uint32_t> corners(topology.face_vertices.data() + topology.face_offsets[face], topology.face_vertices.data() + topology.face_offsets[face + 1]);
+    const bool good = std::all_of(corners.begin(), corners.end(), [&](uint32_t v) { return v < local.size() && is_finite(local[v]); });
+    for (size_t k = 2; good && !has_area[face] && k < corners.size(); ++k) body.triangles.insert(body.triangles.end(), {corners[0], corners[k - 1], corners[k]});
+    for (const uint32_t v : corners) {
+      if (v >= local.size() || body.used[v] || !is_finite(local[v])) continue;
+      body.used[v] = 1;
+      body.triangles.insert(body.triangles.end(), {v, v, v});
+    }
+  }
+}
+
 }  // namespace
 
 SoftBody make_soft_body(const Surface& surface, Executor& executor, std::vector<std::string>& warnings) {
@@ -235,11 +251,7 @@ SoftBody make_soft_body(const Surface& surface, Executor& executor, std::vector<
       throw Error(ErrorCode::kInput, "the surface has no usable triangles (" + std::to_string(topology.faces()) + " faces, " + std::to_string(dropped) +
                                          " triangles with a vertex that is missing or not finite)", "give it a mesh with at least one triangle");
     }
-    for (const uint32_t v : topology.face_vertices) {
-      if (v >= local.size() || body.used[v] || !is_finite(local[v])) continue;
-      body.used[v] = 1;
-      body.triangles.insert(body.triangles.end(), {v, v, v});
-    }
+    add_flat_faces(topology, local, body);
   }
   if (body.triangles.empty()) throw Error(ErrorCode::kInput, "the surface has no faces", "give it a mesh with at least one triangle");
   if (dropped > 0) warnings.push_back(counted(dropped, "triangle", "triangles") + " with a vertex that is not finite left out");

@@ -17,7 +17,7 @@ struct SoftBody {
   std::vector<Vec3d> points;          // per vertex of M; vertices that no face uses may lie outside the cube, non-finite ones are at the centre
   std::vector<uint8_t> used;          // 1: finite, and some face uses it
   std::vector<uint32_t> welded;       // the first vertex in the same place, bit for bit
-  std::vector<uint32_t> triangles;    // finite ones, reoriented; then a collapsed one (v, v, v) for each used vertex that has none
+  std::vector<uint32_t> triangles;    // finite ones, reoriented; then those of faces without area, and (v, v, v) for a used vertex that has none
   std::vector<uint64_t> sorted_keys;  // Morton keys of the used places, each once
   bool closed = false;                // every edge is used as often one way as the other: the winding number is a whole number
   double volume = 0;                  // signed, root^3

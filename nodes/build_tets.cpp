@@ -1,0 +1,121 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "graph/registry.h"
+#include "kernels/tet_build.h"
+
+namespace knead {
+
+// What the frames share: H about M's own space, and what had to be said about it.
+struct BuiltTets {
+  TetBuild build;
+  std::vector<std::string> warnings;
+  double milliseconds = 0;
+};
+template <>
+struct PortTraits<BuiltTets> {
+  static constexpr const char* name = "BuiltTets";
+  template <class F>
+  static void each_buffer(BuiltTets& v, F&& f) {
+    PortTraits<TetMesh>::each_buffer(v.build.tets, f);
+    PortTraits<Lattice>::each_buffer(v.build.lattice, f);
+  }
+};
+
+namespace {
+
+const char* const kManual = R"(The helper tet mesh H that embeds the soft surface M, and the lattice that ties M to it.
+
+An octree over M's box splits a cell while it holds more than `max_vertices` of M and is above `max_depth`; leaves that touch differ by one level at most.
+Leaves that M touches or that lie inside M are kept, and filled with tets from their centres to their faces (Labelle and Shewchuk 2007, not cut to the
+surface). H therefore sticks out of M: the report gives the volumes of both. H is valid for any triangle soup: conforming, every tet positive. Inside is
+where the winding number is beyond one half either way, so that open, broken and inside-out surfaces work too; what was assumed is said in a warning.
+
+`split_pieces` gives a cell a copy for each connected piece of material in it, so that fingers or lips closer than a cell come apart (Molino et al. 2004,
+Nesme et al. 2009); cells that only touch without material in between hold together only round a common edge. Without it, what shares a cell moves as one.
+
+`lattice` is how M rides in H: `barycentric` in the tet that holds the vertex (continuous, linear in each tet), `trilinear` in the cell's corners, `mean_value`
+in the cell as a closed cage (Ju et al. 2005).
+
+A vertex that no face uses follows the nearest cell and does not move the body.
+
+Tet space: units of the finest cell's edge, about M's centre; rest positions are whole eighths, exact in float32. H is built once for a body that only moves,
+turns and scales as a whole.)";
+
+LatticeKind kind_of(const std::string& name) {
+  return name == "barycentric" ? LatticeKind::kBarycentric : name == "trilinear" ? LatticeKind::kTrilinear : LatticeKind::kMeanValue;
+}
+
+class BuildTets : public Node {
+ public:
+  In<Surface> surface{this, "surface", {.unit = "world", .doc = "M at rest"}};
+  Param<int> max_depth{this, "max_depth", TetBuildOptions{}.max_depth, {.min = 1, .max = kDeepestOctree, .doc = "levels of the octree: M's box is at most 2^max_depth cells wide"}};
+  Param<int> min_depth{this, "min_depth", TetBuildOptions{}.min_depth, {.min = 0, .max = 8, .doc = "levels everywhere, however few vertices M has there"}};
+  Param<int> max_vertices{this, "max_vertices", TetBuildOptions{}.max_vertices, {.min = 1, .doc = "vertices of M in a cell before it is split"}};
+  Param<bool> split_pieces{this, "split_pieces", TetBuildOptions{}.split_pieces, {.doc = "a copy of a cell for each connected piece of M in it"}};
+  Param<std::string> lattice_kind{this, "lattice", "barycentric", {.choices = {"barycentric", "trilinear", "mean_value"}, .doc = "coordinates of M in H"}};
+  Out<TetMesh> tets{this, "tets", {.unit = "cells", .doc = "H at rest"}};
+  Out<Lattice> lattice{this, "lattice", {.doc = "M's vertices in H, both ways"}};
+  Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H's rest positions, where the loop starts"}};
+  Out<Report> report{this, "report", {.doc = "vertices, tets, edges, depth, volumes of H and M (world), pieces split, build time"}};
+
+  void configure() override {
+    if (!min_depth.is_set() || min_depth() <= max_depth()) return;
+    Where where;
+    where.member = "min_depth";
+    throw Error(ErrorCode::kGraph, where, "min_depth " + std::to_string(min_depth()) + " is above max_depth " + std::to_string(max_depth()),
+                "lower min_depth or raise max_depth");
+  }
+
+  void evaluate(Context& context) const override {
+    const Surface& body = context.get(surface);
+    Hasher key;
+    key.add("build_tets").add(body.points.id()).add(max_depth()).add(min_depth()).add(max_vertices()).add(split_pieces()).add(lattice_kind());
+    if (body.topology) {
+      key.add(body.topology->triangles.size()).bytes(body.topology->triangles.data(), body.topology->triangles.size() * sizeof(uint32_t));
+      key.add(body.topology->face_vertices.size()).bytes(body.topology->face_vertices.data(), body.topology->face_vertices.size() * sizeof(uint32_t));
+    }
+    const Value shared = context.once(key.key(), [&] { return Value::of(build(context, body)); });
+    const BuiltTets& built = shared.as<BuiltTets>();
+    for (const std::string& warning : built.warnings) context.warn(warning);
+    Lattice placed = built.build.lattice;
+    placed.rest = body;  // H is in M's own space; only M's placement changes from frame to frame
+    context.set(tets, built.build.tets);
+    context.set(lattice, std::move(placed));
+    context.set(points, Points{built.build.tets.rest});
+    context.set(report, figures(built, body.placement.scale));
+  }
+
+ private:
+  BuiltTets build(Context& context, const Surface& body) const {
+    const auto start = std::chrono::steady_clock::now();
+    const TetBuildOptions options{.max_depth = max_depth(), .min_depth = std::min(min_depth(), max_depth()), .max_vertices = max_vertices(), .split_pieces = split_pieces(),
+                                  .lattice = kind_of(lattice_kind())};
+    BuiltTets built;
+    built.build = build_tets(body, options, context.executor(), built.warnings);
+    built.milliseconds = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+    return built;
+  }
+
+  static Report figures(const BuiltTets& built, double scale) {
+    const TetBuild& b = built.build;
+    Report report;
+    report.set("vertices", static_cast<double>(b.tets.vertices()));
+    report.set("tets", static_cast<double>(b.tets.tets.size()));
+    report.set("edges", static_cast<double>(b.tets.edges.size()));
+    report.set("depth", b.depth);
+    report.set("cell_size", b.tets.to_local.scale * scale);
+    report.set("tet_volume", b.tet_volume * std::pow(scale, 3));
+    report.set("surface_volume", b.surface_volume * std::pow(scale, 3));
+    report.set("pieces_split", static_cast<double>(b.pieces_split));
+    report.set("build_milliseconds", built.milliseconds);
+    return report;
+  }
+};
+
+}  // namespace
+
+KNEAD_REGISTER(build_tets, BuildTets, 1, kManual)
+
+}  // namespace knead
