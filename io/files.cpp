@@ -197,8 +197,8 @@ WholeFile::WholeFile(std::string path) : path_(std::move(path)) {
     fs::create_directories(folder, error);
     if (error) fail("written: its folder cannot be made", error.value());
   }
-  const std::string suffix = "." + std::to_string(::getpid()) + "." + std::to_string(counter.fetch_add(1)) + ".part";
-  temporary_ = (target.parent_path() / ("." + target.filename().string().substr(0, 200) + suffix)).string();
+  const std::string suffix = std::string(".") + std::to_string(::getpid()) + std::string(".") + std::to_string(counter.fetch_add(1)) + std::string(".part");
+  temporary_ = (target.parent_path() / (std::string(".") + target.filename().string().substr(0, 200) + suffix)).string();
   file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file_ < 0) {
     const int reason_number = errno;
