@@ -150,9 +150,26 @@ uint32_t CellMaterial::pieces(const OctreeNode& cell, std::span<const uint32_t> 
   if (sets_ > most_patches) return 1;
   if (sets_ > 1) join_through_inside(triangles);
   if (sets_ == 1) return 1;
-  uint32_t count = 0;
-  for (uint32_t i = 0; i < triangles.size(); ++i) piece[i] = root(i) == i ? count++ : piece[root(i)];  // roots are the lowest of their set
-  return count;
+  return number_pieces(triangles, piece);
+}
+
+// In order along a direction that is askew to everything, so that the numbering of M's triangles does not matter.
+uint32_t CellMaterial::number_pieces(std::span<const uint32_t> triangles, std::vector<uint32_t>& piece) {
+  std::vector<std::pair<double, uint32_t>> first;  // (how far along, root)
+  for (uint32_t i = 0; i < triangles.size(); ++i) {
+    double along = 0;
+    for (size_t k = 0; k < 3; ++k) along += dot(body_.points[body_.triangles[3 * size_t{triangles[i]} + k]], Vec3d{0.6180, 0.5437, 0.5671});
+    const auto known = std::find_if(first.begin(), first.end(), [&](const auto& f) { return f.second == root(i); });
+    if (known == first.end()) {
+      first.emplace_back(along, root(i));
+    } else {
+      known->first = std::min(known->first, along);
+    }
+  }
+  std::sort(first.begin(), first.end());
+  for (uint32_t i = 0; i < triangles.size(); ++i)
+    piece[i] = static_cast<uint32_t>(std::find_if(first.begin(), first.end(), [&](const auto& f) { return f.second == root(i); }) - first.begin());
+  return static_cast<uint32_t>(first.size());
 }
 
 size_t CellMaterial::nearest_along(const OctreeNode& cell, std::span<const uint32_t> triangles, const Vec3d& from) {

@@ -13,7 +13,7 @@ class CellMaterial {
  public:
   CellMaterial(const SoftBody& body, const WindingNumber& winding) : body_(body), winding_(winding) {}
 
-  // Writes the piece of every triangle, 0 to the number of pieces - 1 in order of appearance, and returns that number. Two triangles are of one piece when they
+  // Writes the piece of every triangle, 0 to the number of pieces - 1, and returns that number. Two triangles are of one piece when they
   // hang together within the cell, or when a straight way between them stays inside M: a patch is a border between one inside and one outside region of the
   // convex cell, so the ways from one patch to all others find every pair that bounds the same region.
   uint32_t pieces(const OctreeNode& cell, std::span<const uint32_t> triangles, size_t most_patches, std::vector<uint32_t>& piece);
@@ -29,6 +29,7 @@ class CellMaterial {
   void join_over_vertices(std::span<const uint32_t> triangles);
   void join_over_edges(std::span<const uint32_t> triangles);
   void join_through_inside(std::span<const uint32_t> triangles);
+  uint32_t number_pieces(std::span<const uint32_t> triangles, std::vector<uint32_t>& piece);
   Vec3d place_on(uint32_t triangle, double& area) const;
   void cross(std::span<const uint32_t> triangles, const Vec3d& from, const Vec3d& to);
   bool in_cell(const Vec3d& p) const;

@@ -124,6 +124,9 @@ class Splitter {
       const auto same = [&](const CopyLink& l) { return l.first == link.first && l.second == link.second; };
       if (std::none_of(out.begin() + static_cast<ptrdiff_t>(before), out.end(), same)) out.push_back(link);
     }
+    std::sort(out.begin() + static_cast<ptrdiff_t>(before), out.end(), [](const CopyLink& x, const CopyLink& y) {
+      return x.first != y.first ? x.first < y.first : x.second < y.second;
+    });
     if (out.size() > before) return;
     if (!a.empty() && !b.empty() && !is_inside(winding_, middle)) return;
     out.push_back({copy_at(face.first, middle, material), copy_at(face.second, middle, material), face.face});

@@ -10,7 +10,7 @@ namespace knead {
 namespace {
 
 constexpr size_t kGroup = 8, kFan = 4;
-constexpr double kFar = 2.0;  // a node is seen as one dipole from this many radii away
+constexpr double kFar = 2.5;  // a node is seen as one dipole from this many radii away
 
 // Van Oosterom and Strackee 1983. On the triangle itself the sign is arbitrary and the size 2 pi.
 double solid_angle(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& at) {

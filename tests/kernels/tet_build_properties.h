@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <map>
 #include <set>
 #include <string>
-#include <unordered_map>
 #include <vector>
 
 #include "kernels/neighbour_table.h"
@@ -64,11 +62,10 @@ inline std::string wrong_tables(const TetBuild& build) {
   const uint32_t vertices = static_cast<uint32_t>(mesh.vertices());
   if (const auto wrong = check_neighbour_table(mesh.vertex_tets, vertices, PadIndex::kOwnVertex); !wrong.empty()) return "vertex_tets: " + wrong;
   if (const auto wrong = check_neighbour_table(mesh.vertex_edges, vertices, PadIndex::kOwnVertex); !wrong.empty()) return "vertex_edges: " + wrong;
-  std::multiset<std::array<uint32_t, 4>> left;
-  for (const auto& tet : mesh.tets.host()) {
-    std::array<uint32_t, 4> sorted = tet;
-    std::sort(sorted.begin(), sorted.end());
-    for (int k = 0; k < 4; ++k) left.insert(sorted);
+  std::vector<std::array<uint32_t, 4>> wanted, met;  // each tet once for each of its corners
+  for (std::array<uint32_t, 4> tet : mesh.tets.host()) {
+    std::sort(tet.begin(), tet.end());
+    wanted.insert(wanted.end(), 4, tet);
   }
   const auto around = neighbours_by_vertex(mesh.vertex_tets, vertices);
   for (uint32_t a = 0; a < vertices; ++a)
@@ -76,21 +73,23 @@ inline std::string wrong_tables(const TetBuild& build) {
       std::array<uint32_t, 4> tet{a, n.indices[0], n.indices[1], n.indices[2]};
       if (std::abs(volume_at_rest(mesh, tet) - double{n.value}) > 1e-6 * double{n.value}) return "vertex_tets loses the orientation";
       std::sort(tet.begin(), tet.end());
-      const auto found = left.find(tet);
-      if (found == left.end()) return "vertex_tets holds a tet that is not there";
-      left.erase(found);
+      met.push_back(tet);
     }
-  if (!left.empty()) return "vertex_tets misses a tet";
-  std::set<std::array<uint32_t, 2>> edges;
+  std::sort(wanted.begin(), wanted.end());
+  std::sort(met.begin(), met.end());
+  if (met != wanted) return "vertex_tets holds other tets than H";
+  std::vector<std::array<uint32_t, 2>> edges;
   for (const auto& tet : mesh.tets.host())
     for (size_t i = 0; i < 4; ++i)
-      for (size_t j = i + 1; j < 4; ++j) edges.insert({std::min(tet[i], tet[j]), std::max(tet[i], tet[j])});
+      for (size_t j = i + 1; j < 4; ++j) edges.push_back({std::min(tet[i], tet[j]), std::max(tet[i], tet[j])});
+  std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   if (!std::ranges::equal(edges, mesh.edges.host())) return "edges are not those of the tets, sorted";
   const auto ends = neighbours_by_vertex(mesh.vertex_edges, vertices);
   size_t count = 0;
   for (uint32_t a = 0; a < vertices; ++a)
     for (const Neighbour& n : ends[a]) {
-      if (!edges.contains({std::min(a, n.indices[0]), std::max(a, n.indices[0])})) return "vertex_edges holds an edge that is not there";
+      if (!std::binary_search(edges.begin(), edges.end(), std::array{std::min(a, n.indices[0]), std::max(a, n.indices[0])})) return "vertex_edges holds an edge that is not there";
       const double size = length(to_double(mesh.rest.host()[a]) - to_double(mesh.rest.host()[n.indices[0]]));
       if (std::abs(size - double{n.value}) > 1e-6 * size) return "wrong rest length";
       ++count;
@@ -100,8 +99,9 @@ inline std::string wrong_tables(const TetBuild& build) {
 
 // Kept leaves that touch at a face, an edge or a corner differ by at most one level.
 inline std::string wrong_levels(const TetBuild& build) {
-  std::set<std::array<uint32_t, 4>> cells;
-  for (const TetCell& c : build.cells) cells.insert({static_cast<uint32_t>(c.level), c.x, c.y, c.z});
+  std::vector<std::array<uint32_t, 4>> cells;
+  for (const TetCell& c : build.cells) cells.push_back({static_cast<uint32_t>(c.level), c.x, c.y, c.z});
+  std::sort(cells.begin(), cells.end());
   std::set<std::array<uint32_t, 4>> asked;
   for (const TetCell& c : build.cells)
     for (int n = 0; n < 27; ++n) {
@@ -111,7 +111,7 @@ inline std::string wrong_levels(const TetBuild& build) {
                                           static_cast<uint32_t>(z >> 2)};
       if (c.level < 2 || !asked.insert(above).second) continue;
       for (uint32_t up = 0; up <= above[0]; ++up)
-        if (cells.contains({above[0] - up, above[1] >> up, above[2] >> up, above[3] >> up})) return "neighbouring leaves differ by two levels";
+        if (std::binary_search(cells.begin(), cells.end(), std::array{above[0] - up, above[1] >> up, above[2] >> up, above[3] >> up})) return "neighbouring leaves differ by two levels";
     }
   return {};
 }
@@ -123,12 +123,9 @@ inline std::string wrong_lattice(const TetBuild& build, const Surface& surface, 
   if (const auto wrong = check_neighbour_table(lattice.gather, vertices, PadIndex::kZero); !wrong.empty()) return "gather: " + wrong;
   std::vector<uint8_t> used(vertices, 0);
   for (const uint32_t v : surface.topology->face_vertices) used[v] = 1;
-  std::set<std::array<uint32_t, 4>> tets;
-  if (kind == LatticeKind::kBarycentric)
-    for (auto tet : build.tets.tets.host()) {
-      std::sort(tet.begin(), tet.end());
-      tets.insert(tet);
-    }
+  std::vector<std::array<uint32_t, 4>> tets(build.tets.tets.host().begin(), build.tets.tets.host().end());
+  for (auto& tet : tets) std::sort(tet.begin(), tet.end());
+  std::sort(tets.begin(), tets.end());
   const double slack = 1e-5 * surface.diagonal();
   const auto rows = neighbours_by_vertex(lattice.map, vertices);
   std::vector<double> influence(nodes, 0);
@@ -150,7 +147,7 @@ inline std::string wrong_lattice(const TetBuild& build, const Surface& surface, 
     if (!(length(lattice.to_local.apply(at) - p) <= slack)) return "vertex " + std::to_string(i) + " is not reproduced";
     if (kind != LatticeKind::kBarycentric || corners.size() < 4) continue;
     std::sort(corners.begin(), corners.end());
-    if (corners.size() != 4 || !tets.contains({corners[0], corners[1], corners[2], corners[3]})) return "a row that is not one tet's";
+    if (corners.size() != 4 || !std::binary_search(tets.begin(), tets.end(), std::array{corners[0], corners[1], corners[2], corners[3]})) return "a row that is not one tet's";
   }
   const auto back = neighbours_by_vertex(lattice.gather, nodes);
   for (uint32_t j = 0; j < nodes; ++j) {
