@@ -12,7 +12,8 @@ namespace {
 
 constexpr uint32_t kGone = 0xffffffffu;
 
-// The six tets of a cube around its diagonal 0-7; corner c is at (c & 1, c >> 1 & 1, c >> 2 & 1). Neighbouring cubes cut their common face alike.
+// The six tets of a cube around its diagonal 0-7; corner c is at (c & 1, c >> 1 & 1, c >> 2 & 1). All are positively oriented, and
+// neighbouring cubes cut their common face alike.
 constexpr int kCubeTets[6][4] = {{0, 1, 3, 7}, {0, 3, 2, 7}, {0, 2, 6, 7}, {0, 6, 4, 7}, {0, 4, 5, 7}, {0, 5, 1, 7}};
 
 }  // namespace
@@ -38,16 +39,22 @@ TriangleMesh contour(ImplicitFunction value, const Vec3d& lower, const Vec3d& up
     }
     return place->second;
   };
+  // Orientation by counting, not by normals, which triangles without area have not: with the corners in an even order of the tet's, inside ones first, the
+  // triangles below face outwards.
   const auto cut = [&](const uint32_t (&tet)[4]) {
+    bool positive = true;
     uint32_t inside[4], outside[4];
     int in = 0, out = 0;
-    for (uint32_t v : tet) (values[v] < 0 ? inside[in++] : outside[out++]) = v;
+    for (uint32_t v : tet) {
+      if (values[v] < 0) {
+        inside[in++] = v;
+        positive ^= out % 2 == 1;
+      } else {
+        outside[out++] = v;
+      }
+    }
     if (in == 0 || out == 0) return;
-    const auto emit = [&](uint32_t a, uint32_t b, uint32_t c) {  // outward is away from an inside corner, towards an outside one
-      const Vec3d normal = cross(mesh.points[b] - mesh.points[a], mesh.points[c] - mesh.points[a]);
-      const bool outward = dot(normal, position(outside[0]) - position(inside[0])) > 0;
-      mesh.triangles.insert(mesh.triangles.end(), {a, outward ? b : c, outward ? c : b});
-    };
+    const auto emit = [&](uint32_t a, uint32_t b, uint32_t c) { mesh.triangles.insert(mesh.triangles.end(), {a, positive ? b : c, positive ? c : b}); };
     if (in == 1) emit(crossing(inside[0], outside[0]), crossing(inside[0], outside[1]), crossing(inside[0], outside[2]));
     else if (in == 3) emit(crossing(inside[0], outside[0]), crossing(inside[1], outside[0]), crossing(inside[2], outside[0]));
     else {

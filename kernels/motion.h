@@ -19,7 +19,7 @@ Quaternion slerp(const Quaternion& a, const Quaternion& b, double t);  // the sh
 // x_world = translate + pivot + rotate(scale * (x - pivot)), scale per axis and before the rotation.
 struct Pose {
   Vec3d translate{0, 0, 0};
-  Quaternion rotate;
+  Quaternion rotate{};
   Vec3d scale{1, 1, 1};
   Vec3d pivot{0, 0, 0};
   bool uniform() const { return scale.x == scale.y && scale.y == scale.z; }
