@@ -20,8 +20,9 @@ struct SdfPlan {
   bool true_distances = true;                // the function is a distance everywhere; false when it saturates beyond the band
 };
 
-// Signed distance at a local position, negative inside. `radius` is a bound on its magnitude that the caller knows of (or infinity), to speed up searches.
-using DistanceAt = FunctionRef<double(const Vec3d& local, double radius)>;
+// Signed distance at a local position, negative inside. `hint` is the function's own, kept from one position to the next near it (~0u at first), to speed
+// up searches; it must not change the result.
+using DistanceAt = FunctionRef<double(const Vec3d& local, uint32_t& hint)>;
 
 // Samples `distance` into a grid that knows its whole inside and a band outside. Within about ten voxels of the surface every voxel is sampled; deeper, one
 // in 64, where interpolation between those is good to 0.3 voxels. Leaves `placement` and `mesh` to the caller. Throws Error(kMemory) with the estimate and

@@ -25,6 +25,7 @@ struct Candidate {
   int x, y, z;      // index of its first voxel
   bool deep;
   double distance;  // at its middle, voxels
+  uint32_t hint;
 };
 
 class Builder {
@@ -36,9 +37,9 @@ class Builder {
   Sdf build();
 
  private:
-  double at(double i, double j, double k, double radius) const {
+  double at(double i, double j, double k, uint32_t& hint) const {
     const double h = plan_.voxel_size;
-    return distance_(plan_.origin + h * Vec3d{i, j, k}, radius * h) / h;
+    return distance_(plan_.origin + h * Vec3d{i, j, k}, hint) / h;
   }
   std::array<int, 6> leaf_box() const;
   void sample_fine(const Candidate& candidate, Leaf& leaf) const;
@@ -73,7 +74,7 @@ std::vector<Candidate> Builder::find_leaves(size_t most) const {
       for (int y = box[1]; y < box[4]; ++y)
         for (int z = box[2]; z < box[5]; ++z) {
           if (found.size() > most) return found;
-          found.push_back({x * kSide, y * kSide, z * kSide, false, 0});
+          found.push_back({x * kSide, y * kSide, z * kSide, false, 0, ~0u});
         }
     return found;
   }
@@ -81,27 +82,28 @@ std::vector<Candidate> Builder::find_leaves(size_t most) const {
   struct Cube {
     int x, y, z;  // leaves
     double distance;
+    uint32_t hint;
   };
   int size = 1;
   while (size < std::max({box[3] - box[0], box[4] - box[1], box[5] - box[2]})) size *= 2;
-  std::vector<Cube> level{{box[0], box[1], box[2], std::numeric_limits<double>::infinity()}}, next;
+  std::vector<Cube> level{{box[0], box[1], box[2], 0, ~0u}}, next;
   for (;; size /= 2) {
     if (level.size() > most) break;
     const double middle = 0.5 * (size * kSide - 1), reach = middle * std::sqrt(3.0) + 0.01;
     executor_.parallel_ranges(level.size(), 64, [&](size_t begin, size_t end) {
       for (size_t n = begin; n < end; ++n)
-        level[n].distance = at(level[n].x * kSide + middle, level[n].y * kSide + middle, level[n].z * kSide + middle, std::numeric_limits<double>::infinity());
+        level[n].distance = at(level[n].x * kSide + middle, level[n].y * kSide + middle, level[n].z * kSide + middle, level[n].hint);
     });
     next.clear();
     for (const Cube& cube : level) {
       if (cube.distance > plan_.band + reach) continue;
       if (size == 1) {
-        found.push_back({cube.x * kSide, cube.y * kSide, cube.z * kSide, cube.distance < -(kFineDepth + kLeafReach), cube.distance});
+        found.push_back({cube.x * kSide, cube.y * kSide, cube.z * kSide, cube.distance < -(kFineDepth + kLeafReach), cube.distance, cube.hint});
         continue;
       }
       for (int n = 0; n < 8; ++n) {
         const int half = size / 2;
-        const Cube part{cube.x + (n >> 2) * half, cube.y + (n >> 1 & 1) * half, cube.z + (n & 1) * half, 0};
+        const Cube part{cube.x + (n >> 2) * half, cube.y + (n >> 1 & 1) * half, cube.z + (n & 1) * half, 0, cube.hint};
         if (part.x < box[3] && part.y < box[4] && part.z < box[5]) next.push_back(part);
       }
     }
@@ -113,30 +115,29 @@ std::vector<Candidate> Builder::find_leaves(size_t most) const {
 }
 
 void Builder::sample_fine(const Candidate& candidate, Leaf& leaf) const {
+  uint32_t hint = candidate.hint, hint_y = hint, hint_z = hint;  // from the neighbour before, whichever axis that is along
   int n = 0;
   for (int i = 0; i < kSide; ++i)
     for (int j = 0; j < kSide; ++j) {
-      // Distances change by no more than a voxel per step: a bound for the search, and far outside a reason not to search.
-      double below = 0, above = plan_.true_distances ? std::abs(candidate.distance) + kLeafReach : std::numeric_limits<double>::infinity();
+      hint = j == 0 ? hint_y : hint_z;
+      double below = 0;  // distances change by no more than a voxel per step: far outside a reason not to search
       for (int k = 0; k < kSide; ++k, ++n) {
         double value = below - 1;
-        if (value <= plan_.band || !plan_.true_distances) {
-          value = at(candidate.x + i, candidate.y + j, candidate.z + k, above * (1 + 1e-9) + 1e-6);
-          above = std::abs(value);
-        }
+        if (value <= plan_.band || !plan_.true_distances) value = at(candidate.x + i, candidate.y + j, candidate.z + k, hint);
         below = value;
-        above += 1;
         store(leaf, n, value);
+        if (k == 0) hint_z = hint;
+        if (k == 0 && j == 0) hint_y = hint;
       }
     }
 }
 
 void Builder::sample_deep(const Candidate& candidate, Leaf& leaf) const {
   double lattice[3][3][3];
-  const double radius = std::abs(candidate.distance) + 8;
+  uint32_t hint = candidate.hint;
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
-      for (int k = 0; k < 3; ++k) lattice[i][j][k] = at(candidate.x + 4 * i, candidate.y + 4 * j, candidate.z + 4 * k, radius);
+      for (int k = 0; k < 3; ++k) lattice[i][j][k] = at(candidate.x + 4 * i, candidate.y + 4 * j, candidate.z + 4 * k, hint);
   auto interpolate = [&](double x, double y, double z) {
     const int i = x >= 4, j = y >= 4, k = z >= 4;
     const double u = x / 4 - i, v = y / 4 - j, w = z / 4 - k;
@@ -149,7 +150,7 @@ void Builder::sample_deep(const Candidate& candidate, Leaf& leaf) const {
   };
   for (int n = 0; n < 8; ++n) {  // the middles between, where a medial surface shows
     const double x = 2 + 4 * (n >> 2), y = 2 + 4 * (n >> 1 & 1), z = 2 + 4 * (n & 1);
-    if (std::abs(at(candidate.x + x, candidate.y + y, candidate.z + z, radius) - interpolate(x, y, z)) > kCoarseTolerance) return sample_fine(candidate, leaf);
+    if (std::abs(at(candidate.x + x, candidate.y + y, candidate.z + z, hint) - interpolate(x, y, z)) > kCoarseTolerance) return sample_fine(candidate, leaf);
   }
   for (int n = 0; n < kSide * kSide * kSide; ++n) store(leaf, n, interpolate(n >> 6, n >> 3 & 7, n & 7));
 }

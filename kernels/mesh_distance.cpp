@@ -110,6 +110,9 @@ struct MeshDistance::Impl {
   void drop_overlaps(Executor& executor);
   void quarter(const std::array<Vec3d, 3>& corners, uint32_t origin, int level, std::vector<Vec3d>& corners_out, std::vector<uint32_t>& source_out) const;
   void make_scene();
+  static bool improve(Nearest& best, uint32_t triangle);
+  Nearest search(const Vec3d& p, double radius, uint32_t hint) const;
+  SignedDistance with_sign(const Nearest& nearest) const;
   int ray_winding(const Vec3d& origin, const Vec3d& direction) const;
   const Vec3d& corner(size_t triangle, int k) const { return points[triangles[3 * triangle + k]]; }
   bool on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at, double size) const;
@@ -313,59 +316,75 @@ MeshDistance::MeshDistance(std::span<const Vec3f> points, std::span<const uint32
 
 MeshDistance::~MeshDistance() = default;
 
-SignedDistance MeshDistance::signed_distance(const Vec3d& p, double radius) const {
-  const Impl& mesh = *impl_;
-  const Vec3d q = (p - mesh.centre) * (1 / mesh.diagonal);
+bool MeshDistance::Impl::improve(Nearest& best, uint32_t t) {
+  const Impl& m = *best.mesh;
+  const double to_plane = dot(best.p - m.corner(t, 0), m.face_normals[t]);  // deep inside a round body this settles most candidates
+  if (to_plane * to_plane > best.squared * (1 + 1e-9)) return false;
+  const TrianglePoint at = closest_point_on_triangle(best.p, m.corner(t, 0), m.corner(t, 1), m.corner(t, 2));
+  const Vec3d away = best.p - at.point;
+  const double squared = dot(away, away);
+  if (!(squared < best.squared || (squared == best.squared && t < best.triangle))) return false;
+  best.squared = squared;
+  best.at = at;
+  best.triangle = t;
+  return true;
+}
+
+MeshDistance::Impl::Nearest MeshDistance::Impl::search(const Vec3d& p, double radius, uint32_t hint) const {
+  const Vec3d q = (p - centre) * (1 / diagonal);
   const double reach = std::max({std::abs(q.x), std::abs(q.y), std::abs(q.z)});
-  Impl::Nearest nearest{&mesh, p, kSlack * (1 + reach), radius * radius};
+  Nearest nearest{this, p, kSlack * (1 + reach), radius * radius};
+  if (hint < source.size() && improve(nearest, hint)) radius = std::sqrt(nearest.squared) * (1 + kSlack);
 
   RTCPointQuery query;
   query.x = static_cast<float>(q.x);
   query.y = static_cast<float>(q.y);
   query.z = static_cast<float>(q.z);
   query.time = 0;
-  query.radius = std::isfinite(radius) ? static_cast<float>(radius / mesh.diagonal + nearest.slack) : std::numeric_limits<float>::infinity();
+  query.radius = std::isfinite(radius) ? static_cast<float>(radius / diagonal + nearest.slack) : std::numeric_limits<float>::infinity();
   RTCPointQueryContext context;
   rtcInitPointQueryContext(&context);
   rtcPointQuery(
-      mesh.scene, &query, &context,
+      scene, &query, &context,
       [](RTCPointQueryFunctionArguments* arguments) {
-        Impl::Nearest& best = *static_cast<Impl::Nearest*>(arguments->userPtr);
-        const Impl& m = *best.mesh;
-        const uint32_t t = arguments->primID;
-        const TrianglePoint at = closest_point_on_triangle(best.p, m.corner(t, 0), m.corner(t, 1), m.corner(t, 2));
-        const Vec3d away = best.p - at.point;
-        const double squared = dot(away, away);
-        if (!(squared < best.squared || (squared == best.squared && t < best.triangle))) return false;
-        best.squared = squared;
-        best.at = at;
-        best.triangle = t;
-        const float shrunk = static_cast<float>(std::sqrt(squared) / m.diagonal * (1 + kSlack) + best.slack);
+        Nearest& best = *static_cast<Nearest*>(arguments->userPtr);
+        if (!improve(best, arguments->primID)) return false;
+        const float shrunk = static_cast<float>(std::sqrt(best.squared) / best.mesh->diagonal * (1 + kSlack) + best.slack);
         if (!(shrunk < arguments->query->radius)) return false;
         arguments->query->radius = shrunk;
         return true;
       },
       &nearest);
+  return nearest;
+}
 
+SignedDistance MeshDistance::Impl::with_sign(const Nearest& nearest) const {
   SignedDistance result;
   if (nearest.triangle == std::numeric_limits<uint32_t>::max()) return result;
   const uint32_t t = nearest.triangle;
   const int feature = nearest.at.feature;
-  const Vec3d away = p - nearest.at.point;
+  const Vec3d away = nearest.p - nearest.at.point;
   const double distance = std::sqrt(nearest.squared);
-  Vec3d pseudo = mesh.face_normals[t];
-  const bool doubt = feature < 6 && (mesh.doubtful[t] >> feature & 1);
-  if (!doubt && feature < 3) pseudo = mesh.corner_normals[3 * t + feature];
-  if (!doubt && feature >= 3 && feature < 6) pseudo = mesh.edge_normals[3 * t + feature - 3];
+  Vec3d pseudo = face_normals[t];
+  const bool doubt = feature < 6 && (doubtful[t] >> feature & 1);
+  if (!doubt && feature < 3) pseudo = corner_normals[3 * t + feature];
+  if (!doubt && feature >= 3 && feature < 6) pseudo = edge_normals[3 * t + feature - 3];
   const double above = dot(away, pseudo);
   bool inside = above < 0;
-  if (distance > 1e-12 * mesh.diagonal && (doubt || mesh.overlapping || (feature < 6 && std::abs(above) < kGrazing * distance)))
-    inside = mesh.solid->at(p) > 0.5;
+  if (distance > 1e-12 * diagonal && (doubt || overlapping || (feature < 6 && std::abs(above) < kGrazing * distance))) inside = solid->at(nearest.p) > 0.5;
   result.distance = inside ? -distance : distance;
   result.point = nearest.at.point;
-  result.normal = distance > 1e-9 * mesh.diagonal ? away * (1 / result.distance) : pseudo;
-  result.triangle = mesh.source[t];
+  result.normal = distance > 1e-9 * diagonal ? away * (1 / result.distance) : pseudo;
+  result.triangle = source[t];
   return result;
+}
+
+SignedDistance MeshDistance::signed_distance(const Vec3d& p, double radius) const { return impl_->with_sign(impl_->search(p, radius, kNoHint)); }
+
+SignedDistance MeshDistance::signed_distance_near(const Vec3d& p, uint32_t& hint) const {
+  const Impl::Nearest nearest = impl_->search(p, std::numeric_limits<double>::infinity(), hint);
+  hint = nearest.triangle;
+  return impl_->with_sign(nearest);
 }
 
 double MeshDistance::winding_number(const Vec3d& p) const { return impl_->solid->at(p); }

@@ -36,6 +36,10 @@ class MeshDistance {
 
   // All queries are const and thread-safe; p must be finite. `radius` bounds the search and makes it faster.
   SignedDistance signed_distance(const Vec3d& p, double radius = std::numeric_limits<double>::infinity()) const;
+
+  // The same value, found faster from a good guess: `hint` is an opaque number that an earlier query near p left behind (kNoHint at first).
+  static constexpr uint32_t kNoHint = std::numeric_limits<uint32_t>::max();
+  SignedDistance signed_distance_near(const Vec3d& p, uint32_t& hint) const;
   double winding_number(const Vec3d& p) const;  // approximate, see kernels/winding_number.h
   bool inside(const Vec3d& p) const { return winding_number(p) > 0.5; }
 

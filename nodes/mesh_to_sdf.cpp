@@ -88,10 +88,7 @@ class MeshToSdf : public Node {
     SolidField field;
     if (std::string assumed = solid.assumptions(); !assumed.empty()) field.warnings.push_back("collider: " + assumed);
     if (distance.overlapping()) field.warnings.push_back("collider: parts of it lie inside others; the field is that of their union");
-    field.sdf = build_sdf(executor, plan, [&](const Vec3d& local, double radius) {
-      const SignedDistance nearest = distance.signed_distance(local, radius);
-      return nearest.found() ? nearest.distance : distance.signed_distance(local).distance;
-    });
+    field.sdf = build_sdf(executor, plan, [&](const Vec3d& local, uint32_t& hint) { return distance.signed_distance_near(local, hint).distance; });
     warn_if_thin(distance, solid, plan, scale, field);
     field.sdf.mesh = std::make_shared<Surface>(make_triangle_surface(std::move(solid.points), std::move(solid.triangles)));
     return field;

@@ -1,0 +1,174 @@
+#include <algorithm>
+
+#include "graph/registry.h"
+#include "kernels/collide.h"
+#include "kernels/data.h"
+#include "kernels/mesh_distance.h"
+
+namespace knead {
+
+// The search structure over a collider's triangles, shared by the frames.
+struct ColliderMesh {
+  std::shared_ptr<const MeshDistance> distance;
+};
+template <>
+struct PortTraits<ColliderMesh> {
+  static constexpr const char* name = "ColliderMesh";
+  template <class F>
+  static void each_buffer(ColliderMesh&, F&&) {}
+};
+
+namespace {
+
+const char* const kManual = R"(Pushes the soft surface out of rigid colliders (paper 3.1; method.md 3).
+
+`mode: push` is the step of the loop. Where a vertex is inside, phi < 0, it is pushed by d = -phi grad phi, in the surface's own space; several colliders act
+as their union: the one that a vertex is deepest in decides, and no grids are merged. Without `memory` that is all. With it, each vertex keeps a contact
+memory lambda >= 0: lambda <- max(0, lambda - memory_rate * phi), and the push is lambda along grad phi. The other steps of the loop average a push away; the
+memory grows until it holds, and decays as soon as the vertex is outside. It is bounded by `memory_limit` times the surface's diagonal.
+
+`mode: project` is the last step after the loop: every vertex that is inside goes to the nearest place outside, exactly against the collider's own triangles
+where the field carries them (else against the field's interpolant), a few rounding errors outside. A vertex squeezed between colliders goes to and fro, and
+if no place is found stays at the least deep one; the report counts these. Only vertices are looked at: a coarse face can still cut a convex collider.
+`samples: 8` also keeps 42 points inside each triangle and its edges outside, by moving its corners.
+
+Vertices that are not in contact keep their bits, and without any contact the surface comes out as the very same buffer. `margin` keeps a skin's distance; it
+must lie within the field's outside band. Displacements and memory are in the surface's local units; the report is in world units.)";
+
+class CollideSdf : public Node {
+ public:
+  In<Surface> surface{this, "surface", {.unit = "world", .doc = "the soft surface, as it is now"}};
+  ManyIn<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "colliders; their union counts"}};
+  OptionalIn<Contacts> memory{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory from the iteration before; none: no memory"}};
+  Param<std::string> mode{this, "mode", "push", {.choices = {"push", "project"}, .doc = "a step of the loop, or the exact end of a frame"}};
+  Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
+  Param<double> memory_rate{this, "memory_rate", 1, {.min = 0, .max = 10, .doc = "how much of phi goes into the memory each time"}};
+  Param<double> memory_limit{this, "memory_limit", 0.1, {.min = 0, .unit = "diagonals", .doc = "upper bound of the memory, as a fraction of the surface's diagonal"}};
+  Param<int> rounds{this, "rounds", 32, {.min = 1, .max = 1000, .doc = "project: attempts at a vertex between several colliders"}};
+  Param<int> samples{this, "samples", 0, {.min = 0, .max = 32, .doc = "project: subdivisions of a triangle's sides whose points are kept outside too; 0: vertices only"}};
+  Out<Points> displacement{this, "displacement", {.unit = "local", .shape = "vertices", .doc = "the push of each vertex, in the surface's local space"}};
+  Out<Surface> pushed{this, "surface", {.unit = "world", .doc = "the surface with the push applied"}};
+  Out<Contacts> contacts{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory for the next iteration"}};
+  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); project adds what is left"}};
+
+  Runs runs() const override { return mode() == "project" ? Runs::kHost : Runs::kAnyDevice; }
+
+  void evaluate(Context& context) const override {
+    const Surface& body = context.get(surface);
+    std::vector<const Sdf*> colliders;
+    for (size_t k = 0; k < context.count(sdf); ++k) colliders.push_back(&context.get(sdf, k));
+    const Contacts* before = context.get(memory);
+    if (before && before->memory && before->memory.size() != body.vertices())
+      throw Error(ErrorCode::kInput, "the contact memory has " + std::to_string(before->memory.size()) + " entries for " + std::to_string(body.vertices()) + " vertices",
+                  "it must come from the same surface");
+    if (mode() == "project") {
+      project(context, body, colliders, before);
+    } else {
+      push(context, body, colliders, before);
+    }
+  }
+
+ private:
+  void push(Context& context, const Surface& body, const std::vector<const Sdf*>& colliders, const Contacts* before) const {
+    Executor& executor = context.executor();
+    const size_t n = body.vertices();
+    Points moves{Buffer<Vec3f>(n, context.memory())};
+    Contacts after{Buffer<float>(n, context.memory()), 0};
+    CollideInput input;
+    input.points = body.points.view(executor.device());
+    if (before && before->memory) input.memory = before->memory.view(executor.device());
+    input.placement = body.placement;
+    input.colliders = colliders;
+    input.margin = margin() / body.placement.scale;
+    input.rate = memory_rate();
+    input.most = memory_limit() * body.diagonal();
+    const CollideFigures figures = collide_push(executor, input, moves.values.data_for_write(), after.memory.data_for_write());
+
+    Surface moved = body;
+    if (figures.pushed > 0) {
+      moved.points = Buffer<Vec3f>(n, context.memory());
+      add_displacement(executor, input.points, moves.values.view(executor.device()).data(), moved.points.data_for_write());
+    }
+    after.deepest = relative(figures.deepest, body);
+    Report figures_report = describe(figures.inside, figures.deepest, body);
+    context.set(displacement, std::move(moves));
+    context.set(pushed, std::move(moved));
+    context.set(contacts, std::move(after));
+    context.set(report, std::move(figures_report));
+  }
+
+  void project(Context& context, const Surface& body, const std::vector<const Sdf*>& colliders, const Contacts* before) const {
+    Executor& executor = context.executor();
+    const size_t n = body.vertices();
+    std::vector<Value> kept;
+    std::vector<const MeshDistance*> meshes;
+    for (const Sdf* collider : colliders) {
+      meshes.push_back(nullptr);
+      if (!collider->mesh) continue;
+      const Surface& mesh = *collider->mesh;
+      Hasher key;
+      key.add("collider_mesh").add(mesh.points.id()).bytes(mesh.topology->triangles.data(), mesh.topology->triangles.size() * sizeof(uint32_t));
+      kept.push_back(context.once(key.key(), [&] {
+        return Value::of(ColliderMesh{std::make_shared<MeshDistance>(mesh.points.host(), std::span<const uint32_t>(mesh.topology->triangles), &executor)});
+      }));
+      meshes.back() = kept.back().as<ColliderMesh>().distance.get();
+    }
+    context.check_cancelled();
+    constexpr double kClearance = 4e-7;  // of the diagonal: a few roundings of a float coordinate
+    ProjectInput input;
+    input.points = body.points.host();
+    input.placement = body.placement;
+    input.colliders = colliders;
+    input.meshes = meshes;
+    input.margin = margin() / body.placement.scale;
+    input.clearance = kClearance * body.diagonal();
+    input.rounds = rounds();
+    if (body.topology) input.triangles = body.topology->triangles;
+    input.samples = samples();
+
+    Surface moved = body;
+    Buffer<Vec3f> points(n, context.memory());
+    const ProjectFigures figures = project_outside(executor, input, points.data_for_write());
+    Points moves{Buffer<Vec3f>(n, context.memory())};
+    Vec3f* move = moves.values.data_for_write();
+    for (size_t i = 0; i < n; ++i) {
+      const bool same = !(points.host()[i].x != input.points[i].x || points.host()[i].y != input.points[i].y || points.host()[i].z != input.points[i].z);
+      move[i] = same ? Vec3f{0, 0, 0} : points.host()[i] - input.points[i];
+    }
+    if (figures.moved > 0) moved.points = std::move(points);
+
+    Contacts after{before && before->memory ? before->memory : zeros(n, context), relative(figures.deepest_before, body)};
+    Report result = describe(figures.inside, figures.deepest_before, body);
+    result.set("vertices_left_inside", static_cast<double>(figures.left));
+    result.set("penetration_left", figures.deepest_left * body.placement.scale);
+    result.set("penetration_left_relative", relative(figures.deepest_left, body));
+    result.set("vertices_projected", static_cast<double>(figures.moved));
+    if (samples() > 1) result.set("penetration_samples", figures.deepest_sample * body.placement.scale);
+    context.set(displacement, std::move(moves));
+    context.set(pushed, std::move(moved));
+    context.set(contacts, std::move(after));
+    context.set(report, std::move(result));
+  }
+
+  static double relative(double depth, const Surface& body) { return body.diagonal() > 0 ? depth / body.diagonal() : 0; }
+
+  static Buffer<float> zeros(size_t n, Context& context) {
+    Buffer<float> buffer(n, context.memory());
+    std::fill_n(buffer.data_for_write(), n, 0.0f);
+    return buffer;
+  }
+
+  static Report describe(size_t inside, double deepest, const Surface& body) {
+    Report report;
+    report.set("vertices_in_collision", static_cast<double>(inside));
+    report.set("penetration_max", deepest * body.placement.scale);
+    report.set("penetration_max_relative", relative(deepest, body));
+    return report;
+  }
+};
+
+}  // namespace
+
+KNEAD_REGISTER(collide_sdf, CollideSdf, 1, kManual)
+
+}  // namespace knead
