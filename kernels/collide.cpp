@@ -1,7 +1,9 @@
 #include "kernels/collide.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <string>
 #include <vector>
@@ -225,7 +227,7 @@ ProjectFigures project_outside(Executor& executor, const ProjectInput& input, Ve
     figures.left = after.still;
   }
   figures.moved = reduce_sum(executor, input.points.size(), "project_moved", [&](uint32_t i) -> size_t {
-    return moved[i].x != input.points[i].x || moved[i].y != input.points[i].y || moved[i].z != input.points[i].z;
+    return std::memcmp(&moved[i], &input.points[i], sizeof(Vec3f)) != 0;
   });
   return figures;
 }

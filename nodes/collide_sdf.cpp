@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cstring>
 
 #include "graph/registry.h"
 #include "kernels/collide.h"
@@ -132,7 +133,7 @@ class CollideSdf : public Node {
     Points moves{Buffer<Vec3f>(n, context.memory())};
     Vec3f* move = moves.values.data_for_write();
     for (size_t i = 0; i < n; ++i) {
-      const bool same = !(points.host()[i].x != input.points[i].x || points.host()[i].y != input.points[i].y || points.host()[i].z != input.points[i].z);
+      const bool same = std::memcmp(&points.host()[i], &input.points[i], sizeof(Vec3f)) == 0;
       move[i] = same ? Vec3f{0, 0, 0} : points.host()[i] - input.points[i];
     }
     if (figures.moved > 0) moved.points = std::move(points);

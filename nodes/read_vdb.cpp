@@ -1,0 +1,46 @@
+#include "graph/registry.h"
+#include "io/files.h"
+#include "io/vdb.h"
+#include "kernels/data.h"
+
+namespace knead {
+
+namespace {
+
+const char* const kManual = R"(Reads a level set, negative inside, from .vdb (OpenVDB 10 and older) or .nvdb (NanoVDB 32, uncompressed).
+
+`grid` names the grid; without it the first scalar level set is taken. The grid's transform, translation, rotation and uniform voxel size, becomes the field's
+place in the world; values are distances in the same units. Voxels that are not cubes, shear, mirrors and frusta are errors, since distances would have no
+meaning, and so are fog volumes. A grid that is not marked as a level set, or whose values do not change by one per unit of length, gets a warning.
+
+Most level sets know only a narrow band of about three voxels. Inside, a body can go deeper than that, so what the band does not hold is completed: the grid's
+own surface is contoured and the inside gets true distances to it, at every depth. The outside band is the file's.
+
+A run of '#' in the file's name is the frame: smoke.####.vdb at frame 7 is smoke.0007.vdb.)";
+
+class ReadVdb : public Node {
+ public:
+  Param<std::string> path{this, "path", "", {.doc = "the file; '#'s in its name stand for the frame"}};
+  Param<std::string> grid{this, "grid", "", {.doc = "name of the grid; empty: the first level set"}};
+  Param<int> memory_limit{this, "memory_limit", 2048, {.min = 1, .unit = "MiB", .doc = "what the field may take"}};
+  Out<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "signed distance, negative inside"}};
+
+  void configure() override {
+    if (path().empty()) throw Error(ErrorCode::kGraph, Where{{}, 0, 0, {}, "path"}, "no file is named", "set path to a .vdb or .nvdb file");
+  }
+  bool depends_on_frame() const override { return has_frame_pattern(path()); }
+  void add_to_key(Hasher& hasher, int frame) const override { hasher.add(file_content_key(frame_path(path(), frame))); }
+
+  void evaluate(Context& context) const override {
+    const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
+    ReadSdf read = read_sdf(file, grid(), context.executor(), static_cast<uint64_t>(memory_limit()) << 20);
+    for (const std::string& warning : read.warnings) context.warn(file + ": " + warning);
+    context.set(sdf, std::move(read.sdf));
+  }
+};
+
+}  // namespace
+
+KNEAD_REGISTER(read_vdb, ReadVdb, 1, kManual)
+
+}  // namespace knead

@@ -1,0 +1,118 @@
+#include <algorithm>
+#include <limits>
+
+#include "graph/registry.h"
+#include "io/vdb.h"
+#include "kernels/data.h"
+#include "kernels/primitives.h"
+#include "kernels/sdf_sample.h"
+
+namespace knead {
+
+namespace {
+
+const char* const kManual = R"(Several signed distance fields as one: the union of their solids, phi = min_k phi_k.
+
+The result lives in the first field's space, with the finest voxel size among them and the narrowest outside band; it is sampled anew from the others'
+trilinear interpolants, so it is as exact as they are. Where solids overlap, the minimum is the depth in the deeper one, which is less than the distance to
+the union's own surface: pushes out of an overlap may take two steps. As long as the fields keep their places relative to each other the result is built once.
+
+collide_sdf takes several fields without merging them, which is faster when they move apart; use this one to write a union to a file, or to keep the number
+of colliders down. The meshes behind the fields, if all have one, are joined too, so that exact projection still works.)";
+
+class UnionSdf : public Node {
+ public:
+  ManyIn<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "fields to join"}};
+  Param<int> memory_limit{this, "memory_limit", 2048, {.min = 1, .unit = "MiB", .doc = "what the result may take"}};
+  Out<Sdf> united{this, "sdf", {.unit = "world", .doc = "the union"}};
+
+  void evaluate(Context& context) const override {
+    const size_t count = context.count(sdf);
+    if (count == 0) throw Error(ErrorCode::kInput, Where{{}, 0, 0, {}, "sdf"}, "there is nothing to join", "connect at least one signed distance field");
+    const Sdf& first = context.get(sdf, 0);
+    if (count == 1) return context.set(united, first);
+    std::vector<Part> parts;
+    Hasher key;
+    key.add("union_sdf").add(memory_limit());
+    for (size_t k = 0; k < count; ++k) {
+      parts.push_back(part(context.get(sdf, k), first));
+      const Similarity& t = parts.back().from_first;
+      key.add(parts.back().sdf->grid.id()).add(t.scale).add(t.translation.x).add(t.translation.y).add(t.translation.z);
+      for (double r : t.rotation) key.add(r);
+      if (parts.back().sdf->mesh) key.add(parts.back().sdf->mesh->points.id());
+    }
+    Sdf placed = context.once(key.key(), [&] { return Value::of(join(context, parts)); }).as<Sdf>();
+    placed.placement = first.placement;
+    context.set(united, std::move(placed));
+  }
+
+ private:
+  struct Part {
+    const Sdf* sdf;
+    Similarity from_first;  // the first field's local space to this one's
+    SdfView view;
+    double background;      // the first field's local units
+  };
+
+  static Part part(const Sdf& sdf, const Sdf& first) {
+    const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
+    constexpr float kAll = 1e9f;
+    Part part{&sdf, sdf.placement.inverse() * first.placement, {grid, {-kAll, -kAll, -kAll}, {kAll, kAll, kAll}}, 0};
+    if (&sdf == &first) part.from_first = Similarity{};
+    part.background = grid->tree().background() / part.from_first.scale;
+    return part;
+  }
+
+  Sdf join(Context& context, const std::vector<Part>& parts) const {
+    SdfPlan plan;
+    plan.voxel_size = std::numeric_limits<double>::infinity();
+    plan.origin = to_double(parts[0].sdf->index_origin);
+    plan.lower = to_double(parts[0].sdf->lower);
+    plan.upper = to_double(parts[0].sdf->upper);
+    plan.memory_limit = static_cast<uint64_t>(memory_limit()) << 20;
+    plan.world_scale = parts[0].sdf->placement.scale;
+    plan.true_distances = false;
+    double background = std::numeric_limits<double>::infinity();
+    bool meshes = true;
+    for (const Part& part : parts) {
+      plan.voxel_size = std::min(plan.voxel_size, part.sdf->voxel_size / part.from_first.scale);
+      background = std::min(background, part.background);
+      meshes = meshes && part.sdf->mesh;
+      const Similarity to_first = part.from_first.inverse();
+      for (int corner = 0; corner < 8; ++corner) {
+        const Vec3d p = to_first.apply({corner & 1 ? part.sdf->lower.x : part.sdf->upper.x, corner & 2 ? part.sdf->lower.y : part.sdf->upper.y,
+                                        corner & 4 ? part.sdf->lower.z : part.sdf->upper.z});
+        for (int k = 0; k < 3; ++k) plan.lower[k] = std::min(plan.lower[k], p[k]), plan.upper[k] = std::max(plan.upper[k], p[k]);
+      }
+    }
+    plan.band = background / plan.voxel_size;
+    Sdf joined = build_sdf(context.executor(), plan, [&](const Vec3d& local, uint32_t&) {
+      double least = std::numeric_limits<double>::infinity();
+      for (const Part& part : parts) {
+        const Vec3d index = (part.from_first.apply(local) - to_double(part.sdf->index_origin)) * (1.0 / part.sdf->voxel_size);
+        least = std::min(least, SdfSampler(part.view).value(to_float(index)) / part.from_first.scale);
+      }
+      return least;
+    });
+    if (meshes) joined.mesh = join_meshes(parts);
+    return joined;
+  }
+
+  static std::shared_ptr<const Surface> join_meshes(const std::vector<Part>& parts) {
+    std::vector<Vec3f> points;
+    std::vector<uint32_t> triangles;
+    for (const Part& part : parts) {
+      const Similarity to_first = part.from_first.inverse();
+      const uint32_t base = static_cast<uint32_t>(points.size());
+      for (const Vec3f& p : part.sdf->mesh->points.host()) points.push_back(to_float(to_first.apply(to_double(p))));
+      for (uint32_t v : part.sdf->mesh->topology->triangles) triangles.push_back(base + v);
+    }
+    return std::make_shared<Surface>(make_triangle_surface(std::move(points), std::move(triangles)));
+  }
+};
+
+}  // namespace
+
+KNEAD_REGISTER(union_sdf, UnionSdf, 1, kManual)
+
+}  // namespace knead
