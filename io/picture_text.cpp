@@ -82,7 +82,7 @@ void draw_text(Image& image, int left, int top, const std::string& text, int siz
 
 Colour sequential_ramp(double t) {
   t = std::clamp(t, 0.0, 1.0);
-  return from_oklch(0.28 + 0.63 * t, 0.115 + 0.055 * t, 300 - 195 * t);
+  return from_oklch(0.36 + 0.55 * t, 0.125 + 0.045 * t, 300 - 195 * t);
 }
 
 Colour diverging_ramp(double t) {

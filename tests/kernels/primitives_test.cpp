@@ -114,9 +114,9 @@ TEST(Primitives, ScaleWithTheirSize) {
 }
 
 TEST(Primitives, AreTheSameBitsAgain) {
-  EXPECT_TRUE(same_bits(make_head(2, 800), make_head(2, 800)));
-  EXPECT_TRUE(same_bits(make_fist(1, 800), make_fist(1, 800)));
-  EXPECT_FALSE(same_bits(make_head(2, 800), make_head(2, 801)));
+  EXPECT_TRUE(same_bits(make_head(2, 400), make_head(2, 400)));
+  EXPECT_TRUE(same_bits(make_fist(1, 400), make_fist(1, 400)));
+  EXPECT_FALSE(same_bits(make_head(2, 400), make_head(2, 401)));
 }
 
 TEST(Primitives, RefuseSizesThatMakeNoSolid) {
