@@ -15,6 +15,8 @@
 #include <set>
 #include <sstream>
 
+#include "io/files.h"
+
 namespace knead {
 namespace {
 
@@ -259,19 +261,21 @@ void resolve_paths(Literal::Map& arguments, const std::string& type, const std::
 }
 
 std::string read_text(const std::string& path) {
-  const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::kFile, Where{path, 0, 0, {}, {}}, "cannot read the graph file: " + why); };
+  const Where where{path, 0, 0, {}, {}};
+  const Error too_large(ErrorCode::kFile, where, "this is no graph file: it is larger than 64 MiB");
   std::error_code ignored;
-  if (std::filesystem::is_directory(path, ignored)) refuse("it is a folder");
-  errno = 0;
-  std::ifstream in(path, std::ios::binary);
-  if (!in) refuse(errno ? std::strerror(errno) : "unknown reason");
+  if (!std::filesystem::is_other(path, ignored)) {
+    if (std::filesystem::is_regular_file(path, ignored) && std::filesystem::file_size(path, ignored) > kMostBytes) throw too_large;
+    return read_whole_file(path);
+  }
+  std::ifstream in(path, std::ios::binary);  // a pipe or a device, perhaps without an end
+  if (!in) throw Error(ErrorCode::kFile, where, std::string("cannot be read: ") + std::strerror(errno));
   std::string text;
   char block[1 << 16];
   while (in.read(block, sizeof block) || in.gcount() > 0) {
     text.append(block, static_cast<size_t>(in.gcount()));
-    if (text.size() > kMostBytes) refuse("it is larger than 64 MiB");
+    if (text.size() > kMostBytes) throw too_large;
   }
-  if (in.bad()) refuse("reading stopped half way");
   return text;
 }
 

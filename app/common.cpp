@@ -1,0 +1,117 @@
+#include "app/common.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "graph/iterate.h"
+#include "graph/report.h"
+#include "io/graph_file.h"
+
+namespace knead::app {
+namespace {
+
+// Paths given by --set count from the current directory, those of write_* nodes from --out, as in the graph file.
+void place_under_out(const GraphSpec& spec, const std::string& out, const std::string& name, Literal& value) {
+  const std::string* path = value.as_string();
+  if (!path || out.empty() || !name.ends_with(".path") || std::filesystem::path(*path).is_absolute()) return;
+  const std::string node = name.substr(0, name.size() - 5);
+  for (const NodeSpec& one : spec.nodes)
+    if (one.name == node && one.type.starts_with("write_")) value.value = (std::filesystem::path(out) / *path).string();
+}
+
+bool is_report(const OutputDeclaration& output) { return output.type && same_type(*output.type, port_type<Report>()); }
+
+std::pair<std::string, Literal> parse_set(const std::string& text) {
+  const size_t equals = text.find('=');
+  const std::string name = text.substr(0, equals);
+  if (equals == std::string::npos || name.find('.') == std::string::npos)
+    throw UsageError(fmt::format("--set {}: expected NODE.PARAMETER=VALUE, such as --set stiff.stiffness=0.3", text));
+  try {
+    return {name, parse_yaml(text.substr(equals + 1), "--set " + name)};
+  } catch (const GraphErrors& errors) {
+    throw UsageError(errors.what());
+  }
+}
+
+// `results`: what is used from outside.
+void find_unused(const Plan& plan, const std::string& file, const std::vector<Source>& results, bool in_loop, std::vector<std::string>& unused) {
+  std::vector<bool> used(plan.nodes.size());
+  const auto use = [&](const Source source) {
+    if (source.node != Source::kExternal) used[static_cast<size_t>(source.node)] = true;
+  };
+  for (const Source source : results) use(source);
+  for (const PlanNode& node : plan.nodes)
+    for (const auto& port : node.inputs)
+      for (const Source source : port) use(source);
+  for (size_t i = 0; i < plan.nodes.size(); ++i) {
+    const PlanNode& node = plan.nodes[i];
+    const auto& outputs = node.node->outputs();
+    const bool reports = !in_loop && std::any_of(outputs.begin(), outputs.end(), is_report);
+    if (!used[i] && !reports && !node.node->has_effect() && node.where.file == file)
+      unused.push_back(node.where.text() + ": nothing uses what this node makes");
+    if (const auto* loop = dynamic_cast<const Iterate*>(node.node.get())) {
+      std::vector<Source> next;
+      for (const Iterate::State& state : loop->states()) next.push_back(state.next);
+      find_unused(loop->body(), file, next, true, unused);
+    }
+  }
+}
+
+}  // namespace
+
+std::shared_ptr<const Plan> load_plan(const GraphArguments& arguments) {
+  CompileOptions options = graph_file_options(arguments.out);
+  for (const std::string& text : arguments.sets) options.overrides.push_back(parse_set(text));
+  const GraphSpec spec = [&] {
+    try {
+      return read_graph_file(arguments.graph, arguments.out);
+    } catch (const GraphErrors&) {
+      throw;
+    } catch (const Error& error) {
+      throw GraphErrors({error});  // a graph file that cannot be read is a wrong graph, not a failed frame
+    }
+  }();
+  for (auto& [name, value] : options.overrides) place_under_out(spec, arguments.out, name, value);
+  return compile(spec, options);
+}
+
+std::vector<ExecutorChoice> executor_choices() {
+  const int threads = make_cpu_executor()->threads();
+  return {{"cuda", "not in this build", false}, {"cpu", fmt::format("{} threads", threads), true}, {"serial", "one thread, for finding faults", true}};
+}
+
+std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments) {
+  if (arguments.device == "auto" || arguments.device == "cpu") return make_cpu_executor(arguments.threads);
+  if (arguments.device == "serial") return make_serial_executor();
+  std::string present;
+  for (const ExecutorChoice& choice : executor_choices()) {
+    if (choice.present) present += (present.empty() ? "" : ", ") + choice.name;
+    if (choice.name == arguments.device && !choice.present) present = fmt::format("{}; there are ", choice.description) + present;
+  }
+  throw UsageError(fmt::format("--device {} is not here: {}", arguments.device, present));
+}
+
+std::vector<std::string> unused_nodes(const Plan& plan) {
+  std::vector<std::string> unused;
+  find_unused(plan, plan.file, {}, false, unused);
+  return unused;
+}
+
+std::vector<std::string> report_outputs(const Plan& plan) {
+  std::vector<Source> merged;  // into the report of another node
+  for (const PlanNode& node : plan.nodes)
+    if (std::any_of(node.node->outputs().begin(), node.node->outputs().end(), is_report))
+      for (const auto& port : node.inputs) merged.insert(merged.end(), port.begin(), port.end());
+  std::vector<std::string> references;
+  for (size_t i = 0; i < plan.nodes.size(); ++i) {
+    const auto& outputs = plan.nodes[i].node->outputs();
+    for (size_t k = 0; k < outputs.size(); ++k)
+      if (is_report(outputs[k]) && !std::count(merged.begin(), merged.end(), Source{static_cast<int>(i), static_cast<int>(k)}))
+        references.push_back(plan.nodes[i].name + "." + outputs[k].name);
+  }
+  return references;
+}
+
+}  // namespace knead::app

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Sets up, builds and runs every test, then the quick ones again under AddressSanitizer and UndefinedBehaviorSanitizer. The last line sums up.
+# Tests that are not quick carry the label `slow`. Options are passed on to ctest (-R NAME, --verbose).
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/../examples/setup.sh"
+
+passed=0 failed=0 skipped=0
+
+# count FILE: adds what a JUnit report says
+count() {
+  local head total bad disabled skips
+  head=$(tr '\n\t' '  ' <"$1" | grep -o '<testsuite [^>]*>' | head -1)
+  attribute() { sed -n "s/.* $1=\"\([0-9]*\)\".*/\1/p" <<<"$head"; }
+  total=$(attribute tests) bad=$(attribute failures) disabled=$(attribute disabled) skips=$(attribute skipped)
+  skips=$((skips + disabled))
+  passed=$((passed + total - bad - skips)) failed=$((failed + bad)) skipped=$((skipped + skips))
+}
+
+# run_tests PRESET [ctest options]
+run_tests() {
+  local preset=$1 report="$knead_root/build/$1/tests.xml"
+  shift
+  knead_say "Testing build/$preset"
+  rm -f "$report"
+  ctest --test-dir "$knead_root/build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" --output-junit "$report" "$@" || true
+  [ -s "$report" ] || { echo "ctest made no report for build/$preset" >&2; exit 1; }
+  count "$report"
+}
+
+knead_packages
+knead_build release
+run_tests release "$@"
+knead_build asan-ubsan
+ASAN_OPTIONS=${ASAN_OPTIONS:-detect_stack_use_after_return=1} UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1} run_tests asan-ubsan -LE slow "$@"
+
+echo
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" -eq 0 ] && [ "$passed" -gt 0 ]
