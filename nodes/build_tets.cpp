@@ -35,8 +35,13 @@ where the winding number is beyond one half either way, so that open, broken and
 `split_pieces` gives a cell a copy for each connected piece of material in it, so that fingers or lips closer than a cell come apart (Molino et al. 2004,
 Nesme et al. 2009); cells that only touch without material in between hold together only round a common edge. Without it, what shares a cell moves as one.
 
-`lattice` is how M rides in H: `barycentric` in the tet that holds the vertex (continuous, linear in each tet), `trilinear` in the cell's corners, `mean_value`
-in the cell as a closed cage (Ju et al. 2005).
+`lattice` is how M rides in H: `barycentric` in the tet that holds the vertex, `trilinear` in the cell's corners, `mean_value` in the cell as a closed cage (Ju
+et al. 2005). A head of 20,000 vertices bent by a quarter turn and dented by a Gaussian, given at H's vertices, against the exact shape (max_depth 5):
+  barycentric  4.0 entries a vertex, error 0.086 % and 0.73 % of the displacement, normals off by 0.27 and 0.29 degrees (RMS)
+  trilinear    8.0                         0.145 %     1.39 %                                     0.29     0.32
+  mean_value   8.1                         0.159 %     1.40 %                                     0.36     0.38
+Barycentric is the default: it also uses the cells' centres and is continuous everywhere; trilinear tears a little where cells of two sizes meet. In cells much
+larger than M's faces (depth 4) barycentric facets show first: dihedral angles off by 1.8 degrees, against 1.4 with trilinear.
 
 A vertex that no face uses follows the nearest cell and does not move the body.
 
