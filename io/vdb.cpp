@@ -213,15 +213,20 @@ void write_sdf(const std::string& path, const Sdf& sdf, const std::string& name)
     for (auto value = grid->beginValueOn(); value; ++value) value.setValue(*value * scale);
   }
   const Vec3d origin = sdf.placement.apply(to_double(sdf.index_origin));
+  const double voxel = sdf.placement.scale * sdf.voxel_size;
   openvdb::math::Mat4d m = openvdb::math::Mat4d::identity();
   for (int row = 0; row < 3; ++row) {
-    for (int k = 0; k < 3; ++k) m(k, row) = sdf.placement.rotation[3 * row + k] * sdf.placement.scale * sdf.voxel_size;
+    for (int k = 0; k < 3; ++k) m(k, row) = sdf.placement.rotation[3 * row + k] * voxel;
     m(3, row) = origin[row];
   }
-  const bool turned = sdf.placement.rotation != Similarity{}.rotation;
-  auto transform = openvdb::math::Transform::createLinearTransform(sdf.placement.scale * sdf.voxel_size);
-  transform->postTranslate({origin.x, origin.y, origin.z});
-  grid->setTransform(turned ? openvdb::math::Transform::createLinearTransform(m) : transform);
+  try {
+    const bool turned = sdf.placement.rotation != Similarity{}.rotation;
+    auto transform = openvdb::math::Transform::createLinearTransform(turned ? 1.0 : voxel);
+    transform->postTranslate({origin.x, origin.y, origin.z});
+    grid->setTransform(turned ? openvdb::math::Transform::createLinearTransform(m) : transform);
+  } catch (const openvdb::Exception&) {
+    fail(path, fmt::format("OpenVDB cannot hold voxels as small as {:.3g}", voxel), "write the scene in smaller units, so that a voxel is above 1e-4");
+  }
   grid->setName(name);
   grid->setGridClass(openvdb::GRID_LEVEL_SET);
   std::ostringstream bytes;

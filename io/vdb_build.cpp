@@ -211,9 +211,7 @@ Sdf Builder::build() {
     if (leaf) grid->tree().addLeaf(leaf.release());
   grid->setName("surface");
   grid->setGridClass(openvdb::GRID_LEVEL_SET);
-  auto transform = openvdb::math::Transform::createLinearTransform(plan_.voxel_size);
-  transform->postTranslate({plan_.origin.x, plan_.origin.y, plan_.origin.z});
-  grid->setTransform(transform);
+  grid->setTransform(openvdb::math::Transform::createLinearTransform(1.0));  // Sdf holds the place; OpenVDB refuses voxels below 1e-5
   const auto handle = nanovdb::openToNanoVDB(*grid);
   grid.reset();
 

@@ -86,7 +86,7 @@ struct MeshDistance::Impl {
   std::vector<Vec3d> face_normals;       // unit, per triangle
   std::vector<Vec3d> corner_normals;     // unit pseudonormals, 3 per triangle
   std::vector<Vec3d> edge_normals;       // unit pseudonormals, 3 per triangle, edge k from corner k
-  std::vector<uint8_t> doubtful;         // per triangle: bit k < 3 corner k, bit 3 + k edge k: the sign there needs the winding number
+  std::vector<uint8_t> doubtful;         // per triangle: bit k < 3 corner k, bit 3 + k edge k, bit 6 the face: the sign there needs the winding number
   std::unique_ptr<WindingNumber> solid;
   Vec3d lower, upper, centre;
   double diagonal = 0;
@@ -265,7 +265,7 @@ void MeshDistance::Impl::drop_overlaps(Executor& executor) {
   for (size_t t = 0; t < count; ++t) quarter({corner(t, 0), corner(t, 1), corner(t, 2)}, source[t], kOverlapLevels, corners_out, source_out);
   if (source_out.empty()) {  // no volume at all, a closed sheet: keep it as it is
     overlapping = false;
-    doubtful.assign(count, 0x3f);
+    doubtful.assign(count, 0x7f);
     return;
   }
   points = std::move(corners_out);
@@ -366,7 +366,7 @@ SignedDistance MeshDistance::Impl::with_sign(const Nearest& nearest) const {
   const Vec3d away = nearest.p - nearest.at.point;
   const double distance = std::sqrt(nearest.squared);
   Vec3d pseudo = face_normals[t];
-  const bool doubt = feature < 6 && (doubtful[t] >> feature & 1);
+  const bool doubt = doubtful[t] >> feature & 1;
   if (!doubt && feature < 3) pseudo = corner_normals[3 * t + feature];
   if (!doubt && feature >= 3 && feature < 6) pseudo = edge_normals[3 * t + feature - 3];
   const double above = dot(away, pseudo);

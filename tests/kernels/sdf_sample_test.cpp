@@ -1,0 +1,105 @@
+#include "kernels/sdf_sample.h"
+
+#include <gtest/gtest.h>
+#include <nanovdb/util/OpenToNanoVDB.h>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/LevelSetSphere.h>
+
+#include <random>
+
+namespace {
+
+using knead::SdfSampler;
+using knead::SdfView;
+using knead::Vec3f;
+
+// A sphere of radius 12.3 voxels with a band of 4 on both sides.
+struct SampledSphere {
+  openvdb::FloatGrid::Ptr grid;
+  nanovdb::GridHandle<nanovdb::HostBuffer> blob;
+  SdfView view;
+
+  SampledSphere() {
+    openvdb::initialize();
+    grid = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(12.3f, openvdb::Vec3f(0.4f, -0.3f, 0.2f), 1.0f, 4.0f);
+    blob = nanovdb::openToNanoVDB(*grid);
+    view = {blob.grid<float>(), {-18, -18, -18}, {18, 18, 18}};
+  }
+};
+
+TEST(SdfSample, AgreesWithOpenVdbsOwnSamplerAcrossLeavesAndTiles) {
+  const SampledSphere sphere;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<float> coordinate(-17, 17);
+  const auto accessor = sphere.grid->getConstAccessor();
+  for (int i = 0; i < 20000; ++i) {
+    const Vec3f p{coordinate(random), coordinate(random), coordinate(random)};
+    const float oracle = openvdb::tools::BoxSampler::sample(accessor, openvdb::Vec3d(p.x, p.y, p.z));
+    SdfSampler sampler(sphere.view);
+    Vec3f gradient;
+    ASSERT_NEAR(sampler.value(p), oracle, 2e-6f) << p.x << ' ' << p.y << ' ' << p.z;
+    ASSERT_EQ(sampler.value(p), sampler.value_and_gradient(p, gradient));
+  }
+}
+
+TEST(SdfSample, IsTheDistanceToASphereInsideTheBand) {
+  const SampledSphere sphere;
+  std::mt19937 random(8);
+  std::normal_distribution<float> normal;
+  std::uniform_real_distribution<float> radius(11.1f, 13.5f);  // where neither gradient sees the ends of the band
+  for (int i = 0; i < 5000; ++i) {
+    Vec3f n{normal(random), normal(random), normal(random)};
+    n = n * (1 / length(n));
+    const float r = radius(random);
+    const Vec3f p = n * r + Vec3f{0.4f, -0.3f, 0.2f};
+    SdfSampler sampler(sphere.view);
+    Vec3f gradient;
+    ASSERT_NEAR(sampler.value_and_gradient(p, gradient), r - 12.3f, 0.05f);
+    ASSERT_GT(dot(gradient, n), 0.97f);  // that of the interpolant is off by half a voxel's turn
+    const Vec3f smooth = sampler.smooth_gradient(p);
+    ASSERT_GT(dot(smooth, n), 0.995f);
+    ASSERT_NEAR(length(smooth), 1, 0.02f);
+  }
+}
+
+TEST(SdfSample, GradientIsTheSlopeOfTheInterpolant) {
+  const SampledSphere sphere;
+  std::mt19937 random(9);
+  std::uniform_real_distribution<float> coordinate(-9, 9), inside(0.1f, 0.9f);
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3f p{std::floor(coordinate(random)) + inside(random), std::floor(coordinate(random)) + inside(random), std::floor(coordinate(random)) + inside(random)};
+    SdfSampler sampler(sphere.view);
+    Vec3f gradient;
+    sampler.value_and_gradient(p, gradient);
+    const float h = 0.05f;
+    for (int k = 0; k < 3; ++k) {
+      Vec3f a = p, b = p;
+      a[k] -= h;
+      b[k] += h;
+      ASSERT_NEAR(gradient[k], (sampler.value(b) - sampler.value(a)) / (2 * h), 1e-3f);
+    }
+  }
+}
+
+TEST(SdfSample, SmoothGradientDoesNotJumpWhereAVoxelEnds) {
+  const SampledSphere sphere;
+  SdfSampler sampler(sphere.view);
+  for (float y = -8; y < 8; y += 0.37f) {
+    const Vec3f before = sampler.smooth_gradient({8 - 1e-4f, y, 3.3f}), after = sampler.smooth_gradient({8 + 1e-4f, y, 3.3f});
+    EXPECT_LT(length(before - after), 1e-3f);
+  }
+}
+
+TEST(SdfSample, IsTheBackgroundOutsideAndForPositionsThatAreNotNumbers) {
+  const SampledSphere sphere;
+  SdfSampler sampler(sphere.view);
+  Vec3f gradient;
+  for (const Vec3f& p : {Vec3f{100, 0, 0}, Vec3f{-1e30f, 3e38f, 0}, Vec3f{NAN, 0, 0}, Vec3f{0, INFINITY, 0}, Vec3f{17, 17, 17}}) {
+    EXPECT_EQ(sampler.value_and_gradient(p, gradient), 4.0f);
+    EXPECT_EQ(length(gradient), 0);
+    EXPECT_EQ(length(sampler.smooth_gradient(p)), 0);
+  }
+}
+
+}  // namespace

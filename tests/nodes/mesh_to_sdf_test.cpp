@@ -1,0 +1,172 @@
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <random>
+
+#include "kernels/data.h"
+#include "kernels/primitives.h"
+#include "kernels/sdf_sample.h"
+#include "kernels/winding_number.h"
+#include "tests/nodes/sdf_node_context.h"
+
+namespace {
+
+using knead::Sdf;
+using knead::Surface;
+using knead::Vec3d;
+using knead::Vec3f;
+using sdf_node_test::OneNode;
+
+double solid_at(const Sdf& sdf, const Vec3d& world) {
+  const Vec3d local = sdf.placement.inverse().apply(world);
+  const float far = 1e9f;
+  const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
+  knead::SdfSampler sampler(knead::SdfView{grid, {-far, -far, -far}, {far, far, far}});
+  return sampler.value(knead::to_float((local - to_double(sdf.index_origin)) * (1.0 / sdf.voxel_size))) * sdf.placement.scale;
+}
+
+Surface solid_scaled(const Surface& surface, double scale, const Vec3d& offset) {
+  std::vector<Vec3f> points;
+  for (const Vec3f& p : surface.points.host()) points.push_back(knead::to_float(to_double(p) * scale + offset));
+  return knead::make_triangle_surface(points, surface.topology->triangles);
+}
+
+Surface solid_joined(const Surface& a, const Surface& b, const Vec3f& offset, bool reversed) {
+  std::vector<Vec3f> points(a.points.host().begin(), a.points.host().end());
+  std::vector<uint32_t> triangles = a.topology->triangles;
+  for (const Vec3f& p : b.points.host()) points.push_back(p + offset);
+  for (size_t k = 0; k < b.topology->triangles.size(); k += 3)
+    for (size_t c : {size_t{0}, reversed ? size_t{2} : size_t{1}, reversed ? size_t{1} : size_t{2}})
+      triangles.push_back(static_cast<uint32_t>(a.vertices()) + b.topology->triangles[k + c]);
+  return knead::make_triangle_surface(points, triangles);
+}
+
+Sdf solid_of(const Surface& surface, int resolution = 32, std::string* warnings = nullptr) {
+  OneNode node("mesh_to_sdf", 2);
+  node.set("resolution", resolution).connect("mesh", surface).run();
+  if (warnings) *warnings = node.all_warnings();
+  return node.out<Sdf>("sdf");
+}
+
+TEST(MeshToSdf, KnowsItsInsideToTheMedialAxis) {
+  std::string warnings;
+  const Sdf sdf = solid_of(knead::make_box({2, 2, 2}, 4), 64, &warnings);
+  EXPECT_EQ(warnings, "");
+  const double h = 2.0 / 64;
+  for (double x = -0.99; x < 1; x += 0.07) EXPECT_NEAR(solid_at(sdf, {x, 0.1, -0.05}), -std::min(1 - std::abs(x), 0.9), 0.35 * h) << x;
+  EXPECT_NEAR(sdf.inside_depth, 1, h);
+  ASSERT_TRUE(sdf.mesh);
+  EXPECT_EQ(sdf.mesh->topology->triangle_count(), 192u);
+}
+
+TEST(MeshToSdf, AgreesWithExactWindingNumbersInSign) {
+  std::string warnings;
+  const std::vector<Surface> shapes{
+      knead::make_torus(1, 0.3, 32),
+      solid_joined(knead::make_sphere(1, 3), knead::make_sphere(0.5, 3), {0, 0, 0}, true),   // a cavity
+      solid_joined(knead::make_sphere(1, 3), knead::make_sphere(0.9, 3), {1, 0, 0}, false),  // an overlap
+      knead::make_fist(1, 800)};
+  for (const Surface& shape : shapes) {
+    const Sdf sdf = solid_of(shape, 40, &warnings);
+    std::vector<Vec3d> points;
+    for (const Vec3f& p : shape.points.host()) points.push_back(to_double(p));
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> u(-0.1, 1.1);
+    for (int i = 0; i < 400; ++i) {
+      const Vec3d size = to_double(shape.upper) - to_double(shape.lower);
+      const Vec3d p = to_double(shape.lower) + Vec3d{u(random) * size.x, u(random) * size.y, u(random) * size.z};
+      const double value = solid_at(sdf, p);
+      if (std::abs(value) < 0.5 * sdf.voxel_size) continue;
+      ASSERT_EQ(value < 0, knead::winding_number_exact(points, shape.topology->triangles, p) > 0.5) << p.x << ' ' << p.y << ' ' << p.z;
+    }
+  }
+}
+
+TEST(MeshToSdf, SaysWhatItAssumed) {
+  std::string warnings;
+  Surface sphere = knead::make_sphere(1, 3);
+  std::vector<uint32_t> turned = sphere.topology->triangles;
+  for (size_t k = 0; k < turned.size(); k += 3) std::swap(turned[k], turned[k + 1]);
+  const Sdf inside_out = solid_of(knead::make_triangle_surface({sphere.points.host().begin(), sphere.points.host().end()}, turned), 32, &warnings);
+  EXPECT_LT(solid_at(inside_out, {0, 0, 0}), -0.9);
+  EXPECT_NE(warnings.find("inside out"), std::string::npos) << warnings;
+
+  const std::vector<uint32_t> open(sphere.topology->triangles.begin(), sphere.topology->triangles.end() - 60);
+  const Sdf opened = solid_of(knead::make_triangle_surface({sphere.points.host().begin(), sphere.points.host().end()}, open), 32, &warnings);
+  EXPECT_LT(solid_at(opened, {0, 0, 0}), -0.8);
+  EXPECT_NE(warnings.find("opening"), std::string::npos) << warnings;
+
+  solid_of(solid_joined(sphere, sphere, {1, 0, 0}, false), 32, &warnings);
+  EXPECT_NE(warnings.find("union"), std::string::npos) << warnings;
+}
+
+TEST(MeshToSdf, NamesAVoxelSizeForThinColliders) {
+  const Surface plate = knead::make_box({1, 0.01, 1}, 20);
+  std::string warnings;
+  solid_of(plate, 32, &warnings);
+  ASSERT_NE(warnings.find("would do"), std::string::npos) << warnings;
+  const double size = std::stod(warnings.substr(warnings.find("voxel size of ") + 14));
+  EXPECT_NEAR(size, 0.005, 0.0005);
+  OneNode node("mesh_to_sdf");
+  node.set("voxel_size", size * 0.99).connect("mesh", plate).run();
+  EXPECT_TRUE(node.warnings.empty()) << node.all_warnings();
+  EXPECT_LT(solid_at(node.out<Sdf>("sdf"), {0.3, 0, 0.2}), -0.003);
+}
+
+TEST(MeshToSdf, RefusesAVoxelSizeThatWouldNotFit) {
+  OneNode node("mesh_to_sdf");
+  node.set("voxel_size", 1e-5).set("memory_limit", 100).connect("mesh", knead::make_sphere(1, 3));
+  try {
+    node.run();
+    FAIL();
+  } catch (const knead::Error& e) {
+    EXPECT_EQ(e.code(), knead::ErrorCode::kMemory);
+    EXPECT_NE(std::string(e.what()).find("voxel size"), std::string::npos);
+  }
+}
+
+TEST(MeshToSdf, BuildsOnceForARigidMotionAndMovesWithIt) {
+  Surface ball = knead::make_sphere(1, 3);
+  OneNode node("mesh_to_sdf");
+  node.set("voxel_size", 0.1).connect("mesh", ball).run();
+  const uint64_t grid = node.out<Sdf>("sdf").grid.id();
+  for (int frame = 0; frame < 3; ++frame) {
+    ball.placement.translation = {10.0 * frame, 0, 1};
+    node.connect("mesh", ball).run();
+    EXPECT_EQ(node.out<Sdf>("sdf").grid.id(), grid);
+    EXPECT_NEAR(solid_at(node.out<Sdf>("sdf"), {10.0 * frame + 0.9, 0, 1}), -0.1, 0.01);
+  }
+  EXPECT_EQ(node.builds, 1);
+  ball.placement.scale = 2;  // the voxel size is in world units: another grid
+  node.connect("mesh", ball).run();
+  EXPECT_EQ(node.builds, 2);
+}
+
+TEST(MeshToSdf, IsTheSameAtAnyScaleAndOffset) {
+  const Surface torus = knead::make_torus(1, 0.3, 32);
+  const Sdf here = solid_of(torus, 48);
+  for (const double scale : {1e-4, 1e6}) {
+    const Sdf there = solid_of(solid_scaled(torus, scale, {0.5 * scale, 0, -0.25 * scale}), 48);
+    for (const Vec3d& p : {Vec3d{1, 0, 0}, Vec3d{0.8, 0.1, 0.2}, Vec3d{1.32, 0, 0}, Vec3d{0, 0, 0}})
+      EXPECT_NEAR(solid_at(there, p * scale + Vec3d{0.5 * scale, 0, -0.25 * scale}) / scale, solid_at(here, p), 2e-5);
+  }
+}
+
+TEST(MeshToSdf, TakesBadMeshesWithoutHarm) {
+  EXPECT_THROW(solid_of(Surface{}), knead::Error);
+  Surface sphere = knead::make_sphere(1, 2);
+  std::vector<Vec3f> points(sphere.points.host().begin(), sphere.points.host().end());
+  points[3].x = NAN;
+  points[5].y = INFINITY;
+  std::string warnings;
+  Surface broken = sphere;
+  broken.points = knead::Buffer<Vec3f>(points);
+  const Sdf sdf = solid_of(broken, 32, &warnings);
+  EXPECT_LT(solid_at(sdf, {0, 0, 0}), -0.7);
+  EXPECT_NE(warnings.find("non-finite"), std::string::npos) << warnings;
+  const Sdf flat = solid_of(knead::make_triangle_surface({{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {0, 1, 2, 0, 2, 3}), 32, &warnings);
+  EXPECT_NE(warnings.find("sheet"), std::string::npos) << warnings;
+  EXPECT_GE(solid_at(flat, {0.5, 0.5, 0}), -0.01);
+}
+
+}  // namespace

@@ -1,0 +1,66 @@
+#include <gtest/gtest.h>
+
+#include "graph/error.h"
+#include "kernels/data.h"
+#include "kernels/primitives.h"
+#include "kernels/sdf_sample.h"
+#include "tests/nodes/sdf_node_context.h"
+
+namespace {
+
+using knead::Sdf;
+using knead::Surface;
+using knead::Vec3d;
+using sdf_node_test::OneNode;
+
+double union_at(const Sdf& sdf, const Vec3d& world) {
+  const Vec3d local = sdf.placement.inverse().apply(world);
+  const float far = 1e9f;
+  const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
+  knead::SdfSampler sampler(knead::SdfView{grid, {-far, -far, -far}, {far, far, far}});
+  return sampler.value(knead::to_float((local - to_double(sdf.index_origin)) * (1.0 / sdf.voxel_size))) * sdf.placement.scale;
+}
+
+Sdf union_part(const Surface& surface, double voxel, const Vec3d& at, double scale = 1) {
+  Surface placed = surface;
+  placed.placement.scale = scale;
+  placed.placement.translation = at;
+  OneNode node("mesh_to_sdf");
+  node.set("voxel_size", voxel).connect("mesh", placed).run();
+  return node.out<Sdf>("sdf");
+}
+
+TEST(UnionSdf, IsTheLeastOfTheDistances) {
+  const Surface ball = knead::make_sphere(1, 4);
+  OneNode node("union_sdf", 2);
+  node.connect("sdf", union_part(ball, 0.06, {5, 0, 0}, 0.5)).connect("sdf", union_part(ball, 0.05, {6, 0, 0})).run();
+  const Sdf& sdf = node.out<Sdf>("sdf");
+  EXPECT_NEAR(sdf.voxel_size * sdf.placement.scale, 0.05, 1e-6);  // the finer of the two
+  for (double x = 4.4; x < 7.1; x += 0.06) {
+    const double expected = std::min(std::abs(x - 5) - 0.5, std::abs(x - 6) - 1.0);
+    EXPECT_NEAR(union_at(sdf, {x, 0, 0}), std::min(expected, 4 * 0.05), 0.02) << x;
+  }
+  EXPECT_GT(union_at(sdf, {5, 3, 0}), 0);
+  ASSERT_TRUE(sdf.mesh);
+  EXPECT_EQ(sdf.mesh->topology->triangle_count(), 2 * ball.topology->triangle_count());
+}
+
+TEST(UnionSdf, IsBuiltOnceWhileThePartsKeepTheirPlaces) {
+  const Surface ball = knead::make_sphere(1, 3);
+  Sdf a = union_part(ball, 0.1, {0, 0, 0}), b = union_part(ball, 0.1, {1, 0, 0});
+  OneNode node("union_sdf");
+  node.connect("sdf", a).connect("sdf", b).run();
+  EXPECT_EQ(node.builds, 1);
+  EXPECT_NEAR(union_at(node.out<Sdf>("sdf"), {1.9, 0, 0}), -0.1, 0.02);
+}
+
+TEST(UnionSdf, PassesOneOnAndRefusesNone) {
+  const Sdf part = union_part(knead::make_sphere(1, 2), 0.2, {0, 0, 0});
+  OneNode one("union_sdf");
+  one.connect("sdf", part).run();
+  EXPECT_EQ(one.out<Sdf>("sdf").grid.id(), part.grid.id());
+  OneNode none("union_sdf");
+  EXPECT_THROW(none.run(), knead::Error);
+}
+
+}  // namespace
