@@ -19,6 +19,7 @@ constexpr double kHalfAngle = 13 * std::numbers::pi / 180;  // of the view, upwa
 constexpr double kMargin = 0.94;                            // of the picture that the frame fills
 constexpr int kNothing = -1, kFloor = -2;                   // RenderHit::mesh beside the meshes; the body is mesh 0
 constexpr size_t kRowGrain = 8;
+constexpr int64_t kMostPixels = int64_t{1} << 24;           // of about 100 bytes each while a picture is made
 
 Vec3d unit(const Vec3d& v) { return v * (1 / length(v)); }
 
@@ -289,6 +290,9 @@ Image render_picture(const Surface& body, std::span<const float> values, const s
                      Executor& executor, FunctionRef<void()> progress) {
   if (settings.width < 16 || settings.height < 16 || settings.width > 16384 || settings.height > 16384)
     throw Error(ErrorCode::kInput, "a picture is 16 to 16384 pixels wide and high");
+  if (static_cast<int64_t>(settings.width) * settings.height > kMostPixels)
+    throw Error(ErrorCode::kInput, "a picture of " + std::to_string(settings.width) + " x " + std::to_string(settings.height) + " pixels would need too much memory",
+                "16.7 million pixels are the most");
   if (settings.samples < 1 || settings.samples > 1024 || !(settings.zoom > 0)) throw Error(ErrorCode::kInput, "a picture takes 1 to 1024 samples and a positive zoom");
   if (!values.empty() && values.size() != body.vertices())
     throw Error(ErrorCode::kInput, std::to_string(values.size()) + " values for " + std::to_string(body.vertices()) + " vertices", "give one per vertex of the surface");

@@ -74,7 +74,7 @@ class WritePicture : public Node {
   Param<Literal> focus{this, "focus", Literal{}, {.unit = "world", .doc = "[x, y, z] in the middle; the frame's centre when unset"}};
   Param<Literal> frame_of_view{this, "frame_box", Literal{}, {.unit = "world", .doc = "[x0, y0, z0, x1, y1, z1] that fills the picture; automatic when unset"}};
   Param<double> zoom{this, "zoom", 1, {.min = 0.01, .max = 1000, .doc = "2 shows half as much"}};
-  Param<int> width{this, "width", 640, {.min = 16, .max = 16384, .unit = "pixels", .doc = "of the picture"}};
+  Param<int> width{this, "width", 640, {.min = 16, .max = 16384, .unit = "pixels", .doc = "of the picture; 16.7 million pixels in all are the most"}};
   Param<int> height{this, "height", 480, {.min = 16, .max = 16384, .unit = "pixels", .doc = "of the picture"}};
   Param<int> samples{this, "samples", 16, {.min = 1, .max = 1024, .doc = "rays of a pixel on an edge"}};
   Param<bool> ground{this, "ground", true, {.doc = "a floor that takes shadows"}};

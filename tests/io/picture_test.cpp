@@ -196,6 +196,14 @@ TEST(Picture, RefusesWhatCannotBeDrawn) {
   EXPECT_THROW(pictured(ball, {}, settings), Error);
 }
 
+TEST(Picture, RefusesMorePixelsThanMemoryAllows) {
+  const Surface ball = make_sphere(1, 1);
+  PictureSettings settings = framing(ball);
+  settings.width = settings.height = 8000;
+  const auto executor = make_serial_executor();
+  EXPECT_THROW(render_picture(ball, {}, {}, settings, *executor, [] {}), Error);
+}
+
 TEST(Picture, StopsWhenAskedTo) {
   const Surface ball = make_sphere(1, 2);
   const auto executor = make_serial_executor();
