@@ -229,12 +229,15 @@ void write_sdf(const std::string& path, const Sdf& sdf, const std::string& name)
   }
   grid->setName(name);
   grid->setGridClass(openvdb::GRID_LEVEL_SET);
-  std::ostringstream bytes;
   if (nano) {
-    nanovdb::io::writeGrid(bytes, nanovdb::openToNanoVDB(*grid));
-  } else {
-    openvdb::io::Stream(bytes).write({grid});
+    const auto handle = nanovdb::openToNanoVDB(*grid);
+    std::ostringstream bytes(std::string(handle.size() + 4096, '\0'));  // NanoVDB's writer skips ahead and comes back for its header
+    nanovdb::io::writeGrid(bytes, handle);
+    const std::string written = bytes.str();
+    return write_whole_file(path, std::string_view(written).substr(0, static_cast<size_t>(bytes.tellp())));
   }
+  std::ostringstream bytes;
+  openvdb::io::Stream(bytes).write({grid});
   write_whole_file(path, bytes.str());
 }
 
