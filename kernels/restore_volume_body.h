@@ -5,21 +5,22 @@
 
 namespace knead {
 
-// The least-squares step delta of (sum b b^T + lambda (tr/3) I) delta = sum b r from its sums. Everything is divided by the trace first, so that neither
+// The least-squares step delta of (sum w b b^T + lambda (tr/3) I) delta = sum w b r from its sums. Everything is divided by the trace first, so that neither
 // cells of any size nor flat neighbourhoods leave float's range, and the pivots of the LDL^T stay above the regularisation.
 template <class F>
 struct VolumeSystem {
-  F xx{}, xy{}, xz{}, yy{}, yz{}, zz{};  // sum b b^T
-  Vec3<F> right{};                       // sum b r
+  F xx{}, xy{}, xz{}, yy{}, yz{}, zz{};  // sum w b b^T
+  Vec3<F> right{};                       // sum w b r
 
-  KNEAD_HD void add(const Vec3<F>& b, const F& r) {
-    xx = xx + b.x * b.x;
-    xy = xy + b.x * b.y;
-    xz = xz + b.x * b.z;
-    yy = yy + b.y * b.y;
-    yz = yz + b.y * b.z;
-    zz = zz + b.z * b.z;
-    right += b * r;
+  KNEAD_HD void add(const Vec3<F>& b, const F& r, const F& weight) {
+    const Vec3<F> w = b * weight;
+    xx = xx + w.x * b.x;
+    xy = xy + w.x * b.y;
+    xz = xz + w.x * b.z;
+    yy = yy + w.y * b.y;
+    yz = yz + w.y * b.z;
+    zz = zz + w.z * b.z;
+    right += w * r;
   }
   KNEAD_HD Vec3<F> step(float regularisation) const {
     const F tiny = Lane<F>::all(1e-30f), least = Lane<F>::all(1e-6f);
@@ -60,10 +61,12 @@ struct RestoreVolume {
   float relaxation;
   float ignored;   // relative volume errors up to this are the rounding of the rest shape
   float max_step;  // cells
+  bool relative;   // tets count by their relative error, not by their error in cells^3
 
   template <class F>
   KNEAD_HD void lane(uint32_t t) const {
     using L = Lane<F>;
+    const F zero{}, one = L::all(1.0f), tiny = L::all(1e-30f);
     const Vec3<F> a = L::rows(from, tets.order + t);
     VolumeSystem<F> system;
     for (uint32_t k = 0; tets.has(t, k); ++k) {
@@ -73,8 +76,8 @@ struct RestoreVolume {
       const Vec3<F> base = cross(L::rows(from, b) - d, L::rows(from, b + tets.entries) - d);
       const F six_rest = 6.0f * L::load(tets.values + entry);
       const F error = dot(d - a, base) - six_rest;
-      const F zero{};
-      system.add(base, (error < zero ? -error : error) <= ignored * six_rest ? zero : error);
+      const F counted = (error < zero ? -error : error) <= ignored * six_rest ? zero : error;
+      system.add(base, counted, relative ? 1.0f / (six_rest > tiny ? six_rest : tiny) : one);
     }
     const Vec3<F> step = clamped(system.step(regularisation) * L::all(relaxation), max_step);
     L::put_rows(to, tets.order + t, tets.lanes - t, a + step);
