@@ -169,7 +169,8 @@ double push_samples(Executor& executor, const ProjectInput& input, const Project
   for (size_t c = 0; c < 3 * count; ++c) incident[cursor[input.triangles[c]]++] = static_cast<uint32_t>(c / 3);
 
   std::vector<Contact> worst(count);
-  double deepest = 0;
+  double deepest = 0, least = std::numeric_limits<double>::infinity();
+  int idle = 0;  // rounds without progress: a triangle that spans a collider cannot be pushed out
   for (int round = 0; round <= input.rounds; ++round) {
     deepest = reduce_max(executor, count, "project_samples", [&](uint32_t t) {
       const Vec3d a = to_double(moved[input.triangles[3 * t]]), b = to_double(moved[input.triangles[3 * t + 1]]), c = to_double(moved[input.triangles[3 * t + 2]]);
@@ -180,7 +181,9 @@ double push_samples(Executor& executor, const ProjectInput& input, const Project
       }
       return worst[t].depth;
     });
-    if (deepest <= input.clearance || round == input.rounds) break;
+    idle = deepest < 0.95 * least ? 0 : idle + 1;
+    least = std::min(least, deepest);
+    if (deepest <= input.clearance || round == input.rounds || idle > 5) break;
     parallel_for(executor, n, "project_faces", [&](uint32_t v) {
       Contact push;
       for (uint32_t k = first[v]; k < first[v + 1]; ++k)

@@ -44,16 +44,15 @@ class SdfSampler {
   KNEAD_HD Vec3f smooth_gradient(const Vec3f& p) {
     if (!within(p)) return {0, 0, 0};
     const float fx = std::floor(p.x), fy = std::floor(p.y), fz = std::floor(p.z);
-    const int i = static_cast<int>(fx), j = static_cast<int>(fy), k = static_cast<int>(fz);
+    const Block block(accessor_, static_cast<int>(fx) - 1, static_cast<int>(fy) - 1, static_cast<int>(fz) - 1);
     const float u = p.x - fx, v = p.y - fy, w = p.z - fz;
     Vec3f sum{0, 0, 0};
     for (int n = 0; n < 8; ++n) {
       const int a = n >> 2, b = n >> 1 & 1, c = n & 1;
       const float weight = 0.5f * (a ? u : 1 - u) * (b ? v : 1 - v) * (c ? w : 1 - w);
-      const int x = i + a, y = j + b, z = k + c;
-      sum.x += weight * (at(x + 1, y, z) - at(x - 1, y, z));
-      sum.y += weight * (at(x, y + 1, z) - at(x, y - 1, z));
-      sum.z += weight * (at(x, y, z + 1) - at(x, y, z - 1));
+      sum.x += weight * (block.at(a + 2, b + 1, c + 1) - block.at(a, b + 1, c + 1));
+      sum.y += weight * (block.at(a + 1, b + 2, c + 1) - block.at(a + 1, b, c + 1));
+      sum.z += weight * (block.at(a + 1, b + 1, c + 2) - block.at(a + 1, b + 1, c));
     }
     return sum;
   }
@@ -63,6 +62,30 @@ class SdfSampler {
   struct Cell {
     float corners[8];  // 4 x + 2 y + z
     float u, v, w;
+  };
+
+  // The 4 x 4 x 4 voxels from (x, y, z): they lie in one leaf, two, four or eight, which are looked up once each.
+  struct Block {
+    const nanovdb::NanoLeaf<float>* leaves[8];
+    float tiles[8];  // the value where there is no leaf
+    int x, y, z;
+
+    KNEAD_HD Block(nanovdb::DefaultReadAccessor<float>& accessor, int first_x, int first_y, int first_z) : x(first_x), y(first_y), z(first_z) {
+      const int last_x = (x & 7) > 4, last_y = (y & 7) > 4, last_z = (z & 7) > 4;
+      for (int a = 0; a <= last_x; ++a)
+        for (int b = 0; b <= last_y; ++b)
+          for (int c = 0; c <= last_z; ++c) {
+            const nanovdb::Coord corner(x + 3 * a, y + 3 * b, z + 3 * c);
+            const int n = 4 * a + 2 * b + c;
+            leaves[n] = accessor.probeLeaf(corner);
+            tiles[n] = leaves[n] ? 0.0f : accessor.getValue(corner);
+          }
+    }
+    KNEAD_HD float at(int a, int b, int c) const {
+      const int i = (x & 7) + a, j = (y & 7) + b, k = (z & 7) + c;
+      const int n = (i >> 3) * 4 + (j >> 3) * 2 + (k >> 3);
+      return leaves[n] ? leaves[n]->getValue(static_cast<uint32_t>((i & 7) << 6 | (j & 7) << 3 | (k & 7))) : tiles[n];
+    }
   };
 
   // False for NaN too.

@@ -129,7 +129,7 @@ TEST(Vdb, WritesWhatOtherProgramsOpen) {
   const auto grid = openvdb::gridPtrCast<openvdb::FloatGrid>(file.readGrid("collider"));
   ASSERT_TRUE(grid);
   EXPECT_EQ(grid->getGridClass(), openvdb::GRID_LEVEL_SET);
-  EXPECT_NEAR(grid->tree().getValue(grid->worldToIndexCell({5.5, 0, 0})), -0.5, 0.06);
+  EXPECT_NEAR(grid->tree().getValue(grid->transform().worldToIndexCellCentered({5.5, 0, 0})), -0.5, 0.06);
 }
 
 TEST(Vdb, CompletesANarrowBandToTheMedialAxis) {
