@@ -22,7 +22,8 @@ std::array<double, 8> trilinear_coordinates(const Vec3d& p) {
   return weights;
 }
 
-void mean_value_coordinates(std::span<const Vec3d> vertices, std::span<const std::array<uint8_t, 3>> triangles, const Vec3d& p, std::span<double> weights) {
+void mean_value_coordinates(std::span<const Vec3d> vertices, std::span<const std::array<uint8_t, 3>> triangles, const Vec3d& p,
+                            std::span<double> weights) {
   constexpr double kNear = 1e-7;  // of the cage's size: nearer than this is on
   std::array<Vec3d, 32> unit;
   std::array<double, 32> distance;

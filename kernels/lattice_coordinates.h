@@ -16,9 +16,10 @@ std::array<double, 4> barycentric_coordinates(const Vec3d& p, const Vec3d& a, co
 // Of the corners of the unit cube, x lowest bit.
 std::array<double, 8> trilinear_coordinates(const Vec3d& p);
 
-// Ju, Schaefer and Warren 2005. The cage is closed, consistently oriented, convex here, and about 1 in size; p is inside it or on it: on a triangle the
-// coordinates are barycentric in that triangle. Writes one weight per vertex, summing to 1.
-void mean_value_coordinates(std::span<const Vec3d> vertices, std::span<const std::array<uint8_t, 3>> triangles, const Vec3d& p, std::span<double> weights);
+// Ju, Schaefer and Warren 2005. The cage is closed, consistently oriented, convex here, and about 1 in size; p is inside it or on it: on a triangle
+// the coordinates are barycentric in that triangle. Writes one weight per vertex, summing to 1.
+void mean_value_coordinates(std::span<const Vec3d> vertices, std::span<const std::array<uint8_t, 3>> triangles, const Vec3d& p,
+                            std::span<double> weights);
 
 // Rows of W as they are made: vertex i of M is sum over entries [offsets[i], offsets[i + 1]) of weights * x_indices.
 struct LatticeRows {

@@ -9,7 +9,9 @@ namespace {
 
 constexpr uint32_t kBlock = NeighbourTable::kLaneBlock;
 
-uint32_t padded(uint32_t n) { return (n + kBlock - 1) / kBlock * kBlock; }
+uint32_t padded(uint32_t n) {
+  return (n + kBlock - 1) / kBlock * kBlock;
+}
 
 // Vertices by falling valence, equal ones in their own order: a counting sort.
 std::vector<uint32_t> sorted_by_valence(std::span<const uint32_t> offsets, uint32_t largest, Lanes lanes) {
@@ -30,7 +32,9 @@ void check_adjacency(const Adjacency& a) {
   if (!good) throw Error(ErrorCode::kInternal, "neighbour table: offsets, indices and values disagree");
 }
 
-std::string at(const char* what, size_t place) { return std::string(what) + " at " + std::to_string(place); }
+std::string at(const char* what, size_t place) {
+  return std::string(what) + " at " + std::to_string(place);
+}
 
 }  // namespace
 
@@ -81,8 +85,7 @@ NeighbourTable make_neighbour_table(const Adjacency& adjacency, PadIndex pad, La
         const bool has = k < valence[t];
         const size_t from = has ? size_t{offsets[lane_vertex[t]]} + k : 0;
         values[entry] = has ? adjacency.values[from] : 0.0f;
-        for (uint32_t c = 0; c < table.columns; ++c)
-          indices[c * entries + entry] = has ? adjacency.indices[from * table.columns + c] : pad_index;
+        for (uint32_t c = 0; c < table.columns; ++c) indices[c * entries + entry] = has ? adjacency.indices[from * table.columns + c] : pad_index;
       }
     }
   });
@@ -103,7 +106,8 @@ std::string check_neighbour_table(const NeighbourTable& table, uint32_t index_co
   }
   if (table.lanes > 0 && valence[0] != table.rows) return "the first lane does not have the largest valence";
   for (uint32_t k = 0; k < table.rows; ++k) {
-    const uint32_t longer = static_cast<uint32_t>(std::partition_point(valence.begin(), valence.end(), [&](uint32_t v) { return v > k; }) - valence.begin());
+    const uint32_t longer =
+        static_cast<uint32_t>(std::partition_point(valence.begin(), valence.end(), [&](uint32_t v) { return v > k; }) - valence.begin());
     if (row[k + 1] - row[k] != padded(longer)) return at("wrong length of row", k);
     for (uint32_t t = 0; t < row[k + 1] - row[k]; ++t) {
       const size_t entry = row[k] + t;

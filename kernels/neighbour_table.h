@@ -20,8 +20,8 @@ struct Adjacency {
   uint32_t columns = 1;
 };
 
-// What a padding entry points at, always with value 0: the lane's own vertex where indices and lanes are the same set (tets, edges), vertex 0 of the other
-// set for maps between two sets.
+// What a padding entry points at, always with value 0: the lane's own vertex where indices and lanes are the same set (tets, edges), vertex 0 of the
+// other set for maps between two sets.
 enum class PadIndex { kOwnVertex, kZero };
 
 // Which vertices get a lane: all of them, or only those that have a neighbour.

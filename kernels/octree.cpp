@@ -16,7 +16,9 @@ uint64_t spread(uint64_t v) {  // every bit of v to every third bit
 
 }  // namespace
 
-uint64_t morton_key(uint32_t x, uint32_t y, uint32_t z) { return spread(x) | spread(y) << 1 | spread(z) << 2; }
+uint64_t morton_key(uint32_t x, uint32_t y, uint32_t z) {
+  return spread(x) | spread(y) << 1 | spread(z) << 2;
+}
 
 uint64_t morton_key(const Vec3d& unit) {
   constexpr double kSide = 1 << kMortonBits;
@@ -58,8 +60,8 @@ void Octree::split(uint32_t index) {
   inner_by_level_[static_cast<size_t>(parent.level)].push_back(index);
 }
 
-// A split node has leaves of the next level all round its border, so each of its 26 neighbours must exist as a node of its own level. Going from fine to
-// coarse, splits made for one level only add work to coarser ones.
+// A split node has leaves of the next level all round its border, so each of its 26 neighbours must exist as a node of its own level. Going from fine
+// to coarse, splits made for one level only add work to coarser ones.
 void Octree::balance() {
   for (int level = depth_ - 1; level > 0; --level) {
     const std::vector<uint32_t>& inner = inner_by_level_[static_cast<size_t>(level)];

@@ -1,4 +1,5 @@
-// An octree over the unit cube, split by counting points, balanced so that leaves that touch at a face, an edge or a corner differ by at most one level.
+// An octree over the unit cube, split by counting points, balanced so that leaves that touch at a face, an edge or a corner differ by at most one
+// level.
 #pragma once
 #include <cstdint>
 #include <span>
@@ -14,7 +15,7 @@ uint64_t morton_key(uint32_t x, uint32_t y, uint32_t z);  // 21 bits of each, x 
 uint64_t morton_key(const Vec3d& unit);                   // of a point in [0, 1)^3, at 2^21 a side
 
 struct OctreeNode {
-  uint32_t x, y, z;          // of 2^level a side
+  uint32_t x, y, z;  // of 2^level a side
   int level;
   uint32_t first_child = 0;  // eight in a row, bit 0 of the offset is x; 0: a leaf
   bool is_leaf() const { return first_child == 0; }
@@ -33,7 +34,7 @@ class Octree {
 
   const std::vector<OctreeNode>& nodes() const { return nodes_; }
   const OctreeNode& node(uint32_t index) const { return nodes_[index]; }
-  int depth() const { return depth_; }  // of the finest leaf
+  int depth() const { return depth_; }   // of the finest leaf
   std::vector<uint32_t> leaves() const;  // in Morton order
 
   // The node at (x, y, z) of 2^level a side, or the coarser leaf that covers it, or kNone outside the cube.

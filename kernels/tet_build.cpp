@@ -12,7 +12,8 @@ namespace {
 
 void check(const TetBuildOptions& options) {
   if (options.max_depth < 1 || options.max_depth > kDeepestOctree)
-    throw Error(ErrorCode::kInput, "max_depth " + std::to_string(options.max_depth) + " is out of range", "take 1 to " + std::to_string(kDeepestOctree));
+    throw Error(ErrorCode::kInput, "max_depth " + std::to_string(options.max_depth) + " is out of range",
+                "take 1 to " + std::to_string(kDeepestOctree));
   if (options.min_depth < 0 || options.min_depth > options.max_depth || options.min_depth > 8)
     throw Error(ErrorCode::kInput, "min_depth " + std::to_string(options.min_depth) + " is out of range", "take 0 to max_depth, at most 8");
   if (options.max_vertices < 1) throw Error(ErrorCode::kInput, "max_vertices must be at least 1");

@@ -38,8 +38,9 @@ struct TetBuild {
   double surface_volume = 0;             // enclosed by M, local units^3; of an open surface, an estimate
 };
 
-// M is reproduced by the lattice wherever a face uses the vertex. A vertex that no face uses follows the nearest cell and does not move the body; with
-// coordinates that are not finite it is bound as if at the centre of M. Throws Error(kInput) when M has no usable triangle, Error(kMemory) when H does not fit.
+// M is reproduced by the lattice wherever a face uses the vertex. A vertex that no face uses follows the nearest cell and does not move the body;
+// with coordinates that are not finite it is bound as if at the centre of M. Throws Error(kInput) when M has no usable triangle, Error(kMemory) when
+// H does not fit.
 TetBuild build_tets(const Surface& surface, const TetBuildOptions& options, Executor& executor, std::vector<std::string>& warnings);
 
 }  // namespace knead

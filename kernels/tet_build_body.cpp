@@ -13,12 +13,16 @@ namespace {
 
 constexpr size_t kPiece = 8192;
 
-bool is_finite(const Vec3f& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+bool is_finite(const Vec3f& p) {
+  return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+}
 
-std::string counted(size_t n, const char* one, const char* many) { return std::to_string(n) + " " + (n == 1 ? one : many); }
+std::string counted(size_t n, const char* one, const char* many) {
+  return std::to_string(n) + " " + (n == 1 ? one : many);
+}
 
-// The cube is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's middle, which are never near a multiple of any cell size: the
-// middle planes and the outer planes of a symmetric body do not fall on cell faces, where rounding would decide which cell they belong to.
+// The cube is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's middle, which are never near a multiple of any cell
+// size: the middle planes and the outer planes of a symmetric body do not fall on cell faces, where rounding would decide which cell they belong to.
 void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   const auto local = surface.points.host();
   Vec3d lower{INFINITY, INFINITY, INFINITY}, upper = -lower;
@@ -38,7 +42,8 @@ void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   body.origin = middle - body.edge * body.centre;
   body.points.resize(local.size());
   executor.parallel_ranges(local.size(), kPiece, [&](size_t begin, size_t end) {
-    for (size_t v = begin; v < end; ++v) body.points[v] = is_finite(local[v]) ? (1 / body.edge) * (to_double(local[v]) - middle) + body.centre : body.centre;
+    for (size_t v = begin; v < end; ++v)
+      body.points[v] = is_finite(local[v]) ? (1 / body.edge) * (to_double(local[v]) - middle) + body.centre : body.centre;
   });
 }
 
@@ -59,9 +64,10 @@ void weld(SoftBody& body) {
   for (size_t i = 0; i < order.size();) {
     size_t end = i + 1;
     while (end < order.size() && order[end].key == order[i].key) ++end;
-    if (end - i > 1) std::sort(order.begin() + static_cast<ptrdiff_t>(i), order.begin() + static_cast<ptrdiff_t>(end), [&](const Keyed& a, const Keyed& b) {
-      return place(a.vertex) != place(b.vertex) ? place(a.vertex) < place(b.vertex) : a.vertex < b.vertex;
-    });
+    if (end - i > 1)
+      std::sort(order.begin() + static_cast<ptrdiff_t>(i), order.begin() + static_cast<ptrdiff_t>(end), [&](const Keyed& a, const Keyed& b) {
+        return place(a.vertex) != place(b.vertex) ? place(a.vertex) < place(b.vertex) : a.vertex < b.vertex;
+      });
     for (size_t j = i, first = i; j < end; ++j) {
       if (place(order[j].vertex) != place(order[first].vertex)) first = j;
       body.welded[order[j].vertex] = order[first].vertex;
@@ -159,7 +165,8 @@ class Parity {
   std::vector<uint8_t> turned_, broken_;
 };
 
-// Turns the minority of each component to agree with the majority; a one-sided component (a Moebius strip) stays as it is. Returns how many were turned.
+// Turns the minority of each component to agree with the majority; a one-sided component (a Moebius strip) stays as it is. Returns how many were
+// turned.
 size_t orient(SoftBody& body, const EdgeUses& edges) {
   Parity parity(body.triangle_count());
   edges.each_edge([&](std::span<const EdgeUse> uses) {
@@ -202,25 +209,30 @@ void judge_edges(SoftBody& body, Executor& executor, std::vector<std::string>& w
   EdgeCounts counts = count_edges(edges);
   if (counts.misled > 0) {
     const size_t turned = orient(body, edges);
-    warnings.push_back(counted(counts.misled, "edge has", "edges have") + " faces of opposite orientation; " + counted(turned, "triangle was", "triangles were") +
-                       " turned to agree with their neighbours");
+    warnings.push_back(counted(counts.misled, "edge has", "edges have") + " faces of opposite orientation; " +
+                       counted(turned, "triangle was", "triangles were") + " turned to agree with their neighbours");
     counts = count_edges(EdgeUses(body, executor));
   }
   body.closed = counts.unbalanced == 0;
   if (counts.open > 0)
-    warnings.push_back("the surface is open (" + counted(counts.open, "boundary edge", "boundary edges") + "): inside is where its winding number exceeds one half");
+    warnings.push_back("the surface is open (" + counted(counts.open, "boundary edge", "boundary edges") +
+                       "): inside is where its winding number exceeds one half");
   if (counts.crowded > 0)
-    warnings.push_back("the surface is not manifold (" + counted(counts.crowded, "edge has", "edges have") + " more than two triangles): taken as it is");
+    warnings.push_back("the surface is not manifold (" + counted(counts.crowded, "edge has", "edges have") +
+                       " more than two triangles): taken as it is");
 }
 
-// Faces without area have no triangles in the topology. Their edges still close the surface and their vertices are still M's, so they come back as fans.
+// Faces without area have no triangles in the topology. Their edges still close the surface and their vertices are still M's, so they come back as
+// fans.
 void add_flat_faces(const MeshTopology& topology, std::span<const Vec3f> local, SoftBody& body) {
   std::vector<uint8_t> has_area(topology.faces(), 0);
   for (const uint32_t face : topology.triangle_faces) has_area[face] = 1;
   for (size_t face = 0; face < topology.faces(); ++face) {
-    const std::span<const uint32_t> corners(topology.face_vertices.data() + topology.face_offsets[face], topology.face_vertices.data() + topology.face_offsets[face + 1]);
+    const std::span<const uint32_t> corners(topology.face_vertices.data() + topology.face_offsets[face],
+                                            topology.face_vertices.data() + topology.face_offsets[face + 1]);
     const bool good = std::all_of(corners.begin(), corners.end(), [&](uint32_t v) { return v < local.size() && is_finite(local[v]); });
-    for (size_t k = 2; good && !has_area[face] && k < corners.size(); ++k) body.triangles.insert(body.triangles.end(), {corners[0], corners[k - 1], corners[k]});
+    for (size_t k = 2; good && !has_area[face] && k < corners.size(); ++k)
+      body.triangles.insert(body.triangles.end(), {corners[0], corners[k - 1], corners[k]});
     for (const uint32_t v : corners) {
       if (v >= local.size() || body.used[v] || !is_finite(local[v])) continue;
       body.used[v] = 1;
@@ -248,8 +260,10 @@ SoftBody make_soft_body(const Surface& surface, Executor& executor, std::vector<
       for (int k = 0; k < 3; ++k) body.used[v[k]] = 1;
     }
     if (body.triangles.empty()) {
-      throw Error(ErrorCode::kInput, "the surface has no usable triangles (" + std::to_string(topology.faces()) + " faces, " + std::to_string(dropped) +
-                                         " triangles with a vertex that is missing or not finite)", "give it a mesh with at least one triangle");
+      throw Error(ErrorCode::kInput,
+                  "the surface has no usable triangles (" + std::to_string(topology.faces()) + " faces, " + std::to_string(dropped) +
+                      " triangles with a vertex that is missing or not finite)",
+                  "give it a mesh with at least one triangle");
     }
     add_flat_faces(topology, local, body);
   }

@@ -80,7 +80,8 @@ std::vector<std::vector<Touch>> touches(const Octree& octree, const SoftBody& bo
 }
 
 // Regions of untouched leaves joined over faces. M does not pass between them, so that with a closed M the winding number is one per region.
-std::vector<uint32_t> untouched_regions(const Octree& octree, std::span<const uint32_t> leaves, const std::vector<uint8_t>& touched, std::vector<uint32_t>& seeds) {
+std::vector<uint32_t> untouched_regions(const Octree& octree, std::span<const uint32_t> leaves, const std::vector<uint8_t>& touched,
+                                        std::vector<uint32_t>& seeds) {
   std::vector<uint32_t> region(octree.nodes().size(), Octree::kNone);
   std::vector<uint32_t> todo;
   for (const uint32_t leaf : leaves) {

@@ -111,7 +111,12 @@ struct Row {
 class Weigher {
  public:
   Weigher(const Octree& octree, const Cells& cells, const Copies& copies, const RawTets& raw, LatticeKind kind)
-      : octree_(octree), cells_(cells), copies_(copies), raw_(raw), kind_(kind), around_(raw, kind == LatticeKind::kBarycentric ? copies.count() : 0) {}
+      : octree_(octree),
+        cells_(cells),
+        copies_(copies),
+        raw_(raw),
+        kind_(kind),
+        around_(raw, kind == LatticeKind::kBarycentric ? copies.count() : 0) {}
 
   Row row(uint32_t copy, const Vec3d& point) const {
     const OctreeNode& node = octree_.node(cells_.nodes[copies_.cell[copy]]);

@@ -20,9 +20,13 @@ uint8_t face_slot(int face, int a, int b) {
   return static_cast<uint8_t>(slot_at(at[0], at[1], at[2]));
 }
 
-bool is_active(uint32_t active, uint8_t slot) { return (active >> slot & 1) != 0; }
+bool is_active(uint32_t active, uint8_t slot) {
+  return (active >> slot & 1) != 0;
+}
 
-uint32_t coordinate(const OctreeNode& node, int axis) { return axis == 0 ? node.x : axis == 1 ? node.y : node.z; }
+uint32_t coordinate(const OctreeNode& node, int axis) {
+  return axis == 0 ? node.x : axis == 1 ? node.y : node.z;
+}
 
 // Which quadrant of the larger neighbour's face a cell lies on.
 uint32_t quadrant_of(const OctreeNode& small, int face) {
@@ -80,7 +84,8 @@ class Builder {
       }
   }
 
-  // Of the copies that hold together over a face, one pair shares tets across it; others share its vertices only, so that no triangle gets a third tet.
+  // Of the copies that hold together over a face, one pair shares tets across it; others share its vertices only, so that no triangle gets a third
+  // tet.
   void join_if_free(const CopyLink& link) {
     const OctreeNode &small = node(link.first), &other = node(link.second);
     const uint32_t quadrant = small.level == other.level ? 0 : quadrant_of(small, link.face);
@@ -179,8 +184,8 @@ class Builder {
     part_bases(std::move(bases));
   }
 
-  // Copies of one cell whose vertices have all come together in a face would lay the same triangle there from the same side. All but the first get a vertex of
-  // their own in the triangle's inside.
+  // Copies of one cell whose vertices have all come together in a face would lay the same triangle there from the same side. All but the first get a
+  // vertex of their own in the triangle's inside.
   void part_bases(std::vector<Base> bases) {
     std::sort(bases.begin(), bases.end(), [](const Base& a, const Base& b) {
       return a.vertices != b.vertices ? a.vertices < b.vertices : a.side != b.side ? a.side < b.side : a.tet < b.tet;
@@ -253,7 +258,8 @@ FaceTriangles face_triangles(uint32_t active, uint32_t octant, int face, uint32_
   return out;
 }
 
-int64_t six_volumes(const std::array<int32_t, 3>& a, const std::array<int32_t, 3>& b, const std::array<int32_t, 3>& c, const std::array<int32_t, 3>& d) {
+int64_t six_volumes(const std::array<int32_t, 3>& a, const std::array<int32_t, 3>& b, const std::array<int32_t, 3>& c,
+                    const std::array<int32_t, 3>& d) {
   int64_t u[3], v[3], w[3];
   for (size_t k = 0; k < 3; ++k) {
     u[k] = int64_t{b[k]} - a[k];
@@ -263,7 +269,9 @@ int64_t six_volumes(const std::array<int32_t, 3>& a, const std::array<int32_t, 3
   return w[0] * (u[1] * v[2] - u[2] * v[1]) + w[1] * (u[2] * v[0] - u[0] * v[2]) + w[2] * (u[0] * v[1] - u[1] * v[0]);
 }
 
-uint32_t octant_of(const OctreeNode& node) { return (node.x & 1) | (node.y & 1) << 1 | (node.z & 1) << 2; }
+uint32_t octant_of(const OctreeNode& node) {
+  return (node.x & 1) | (node.y & 1) << 1 | (node.z & 1) << 2;
+}
 
 RawTets make_raw_tets(const Octree& octree, const Cells& cells, const Copies& copies, bool by_place, Executor& executor) {
   return Builder(octree, cells, copies, executor).run(by_place);

@@ -88,8 +88,8 @@ Vec3d CellMaterial::place_on(uint32_t triangle, double& area) const {
   return centre_ + middle;
 }
 
-// Where the straight way from one point to another meets the triangles, sorted, ends left out. Edges count as hit from both sides, so that a way through a
-// shared edge misses nothing; hitting twice does no harm.
+// Where the straight way from one point to another meets the triangles, sorted, ends left out. Edges count as hit from both sides, so that a way
+// through a shared edge misses nothing; hitting twice does no harm.
 void CellMaterial::cross(std::span<const uint32_t> triangles, const Vec3d& from, const Vec3d& to) {
   constexpr double kEdge = 1e-9;
   crossings_.clear();

@@ -14,8 +14,8 @@ class CellMaterial {
   CellMaterial(const SoftBody& body, const WindingNumber& winding) : body_(body), winding_(winding) {}
 
   // Writes the piece of every triangle, 0 to the number of pieces - 1, and returns that number. Two triangles are of one piece when they
-  // hang together within the cell, or when a straight way between them stays inside M: a patch is a border between one inside and one outside region of the
-  // convex cell, so the ways from one patch to all others find every pair that bounds the same region.
+  // hang together within the cell, or when a straight way between them stays inside M: a patch is a border between one inside and one outside region
+  // of the convex cell, so the ways from one patch to all others find every pair that bounds the same region.
   uint32_t pieces(const OctreeNode& cell, std::span<const uint32_t> triangles, size_t most_patches, std::vector<uint32_t>& piece);
 
   // The place in `triangles` of the first one met on the straight way from `from`, in the closed cell, to the material; `triangles` is not empty.

@@ -41,7 +41,9 @@ struct Box {
   }
 };
 
-Box box_of(const OctreeNode& node) { return {node.lower(), node.lower() + Vec3d{node.size(), node.size(), node.size()}}; }
+Box box_of(const OctreeNode& node) {
+  return {node.lower(), node.lower() + Vec3d{node.size(), node.size(), node.size()}};
+}
 
 Box face_box(const OctreeNode& node, int face) {
   Box box = box_of(node);
@@ -119,14 +121,13 @@ class Splitter {
       if (!triangle_touches_box(body_.points[v[0]], body_.points[v[1]], body_.points[v[2]], middle, half)) continue;
       const auto other = std::lower_bound(b.begin(), b.end(), a[i]);  // lists are in order of triangles
       if (other == b.end() || *other != a[i]) continue;
-      const CopyLink link{copies_.entry_copy[cells_.offsets[face.first] + i], copies_.entry_copy[cells_.offsets[face.second] + static_cast<size_t>(other - b.begin())],
-                          face.face};
+      const CopyLink link{copies_.entry_copy[cells_.offsets[face.first] + i],
+                          copies_.entry_copy[cells_.offsets[face.second] + static_cast<size_t>(other - b.begin())], face.face};
       const auto same = [&](const CopyLink& l) { return l.first == link.first && l.second == link.second; };
       if (std::none_of(out.begin() + static_cast<ptrdiff_t>(before), out.end(), same)) out.push_back(link);
     }
-    std::sort(out.begin() + static_cast<ptrdiff_t>(before), out.end(), [](const CopyLink& x, const CopyLink& y) {
-      return x.first != y.first ? x.first < y.first : x.second < y.second;
-    });
+    std::sort(out.begin() + static_cast<ptrdiff_t>(before), out.end(),
+              [](const CopyLink& x, const CopyLink& y) { return x.first != y.first ? x.first < y.first : x.second < y.second; });
     if (out.size() > before) return;
     if (!a.empty() && !b.empty() && !is_inside(winding_, middle)) return;
     out.push_back({copy_at(face.first, middle, material), copy_at(face.second, middle, material), face.face});
@@ -150,8 +151,8 @@ class Splitter {
     return {neighbours_.data() + neighbour_offsets_[copy], neighbours_.data() + neighbour_offsets_[copy + 1]};
   }
 
-  // No material passes through the face, but both sides hang together round one of its edges: without this, every cell that M only dips into would be cut off
-  // from its like beside it.
+  // No material passes through the face, but both sides hang together round one of its edges: without this, every cell that M only dips into would be
+  // cut off from its like beside it.
   void link_crack(const Face& face, std::vector<CopyLink>& out) const {
     const Box box = face_box(octree_.node(cells_.nodes[face.first]), face.face);
     const auto near = [&](uint32_t copy) {

@@ -47,7 +47,8 @@ std::vector<std::array<uint32_t, 2>> edges_of(const std::vector<std::array<uint3
   return edges;
 }
 
-NeighbourTable tet_table(const std::vector<std::array<uint32_t, 4>>& tets, std::span<const float> volumes, const CornerLists& lists, Executor& executor) {
+NeighbourTable tet_table(const std::vector<std::array<uint32_t, 4>>& tets, std::span<const float> volumes, const CornerLists& lists,
+                         Executor& executor) {
   std::vector<uint32_t> indices(3 * lists.corners.size());
   std::vector<float> values(lists.corners.size());
   executor.parallel_ranges(lists.corners.size(), 4 * kPiece, [&](size_t begin, size_t end) {
@@ -128,7 +129,8 @@ TetMesh make_tet_mesh(const RawTets& raw, const std::array<int32_t, 3>& origin, 
   executor.parallel_ranges(raw.tets.size(), kPiece, [&](size_t begin, size_t end) {
     for (size_t t = begin; t < end; ++t) {
       const auto& [a, b, c, d] = raw.tets[t];
-      volumes[t] = static_cast<float>(static_cast<double>(six_volumes(raw.places[a], raw.places[b], raw.places[c], raw.places[d])) / (6 * kUnit * kUnit * kUnit));
+      volumes[t] = static_cast<float>(static_cast<double>(six_volumes(raw.places[a], raw.places[b], raw.places[c], raw.places[d])) /
+                                      (6 * kUnit * kUnit * kUnit));
     }
   });
 

@@ -7,8 +7,8 @@
 
 namespace knead {
 
-// The box is centre +- half, closed. Degenerate triangles (a segment, a point) are tested as what they are. Rounding may err to either side by about 1e-15
-// of the coordinates: enlarge `half` by a slack above that for a conservative answer.
+// The box is centre +- half, closed. Degenerate triangles (a segment, a point) are tested as what they are. Rounding may err to either side by about
+// 1e-15 of the coordinates: enlarge `half` by a slack above that for a conservative answer.
 inline bool triangle_touches_box(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& centre, const Vec3d& half) {
   const Vec3d v[3] = {a - centre, b - centre, c - centre};
   for (int k = 0; k < 3; ++k) {

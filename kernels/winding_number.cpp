@@ -30,7 +30,8 @@ void grow(Vec3d& lower, Vec3d& upper, const Vec3d& p) {
 
 double winding_number_exact(std::span<const Vec3d> points, std::span<const uint32_t> triangles, const Vec3d& at) {
   double sum = 0;
-  for (size_t t = 0; t + 2 < triangles.size(); t += 3) sum += solid_angle(points[triangles[t]], points[triangles[t + 1]], points[triangles[t + 2]], at);
+  for (size_t t = 0; t + 2 < triangles.size(); t += 3)
+    sum += solid_angle(points[triangles[t]], points[triangles[t + 1]], points[triangles[t + 2]], at);
   return sum / (4 * std::numbers::pi);
 }
 

@@ -23,11 +23,11 @@ class WindingNumber {
 
  private:
   struct Node {
-    Vec3d centre{0, 0, 0};                             // of area
-    Vec3d normal{0, 0, 0};                             // sum of area times unit normal
+    Vec3d centre{0, 0, 0};                                // of area
+    Vec3d normal{0, 0, 0};                                // sum of area times unit normal
     Vec3d moment[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};  // sum of (area normal) outer (place - centre), by row
     Vec3d lower{0, 0, 0}, upper{0, 0, 0};
-    double area = 0, radius = 0;                       // of a ball about the centre that holds the triangles
+    double area = 0, radius = 0;  // of a ball about the centre that holds the triangles
   };
   struct Corners {
     Vec3d a, b, c;
@@ -35,7 +35,7 @@ class WindingNumber {
   void add_triangles(Node& node, size_t begin, size_t end) const;
   static void finish(Node& node);
 
-  std::vector<Corners> triangles_;        // in Morton order
+  std::vector<Corners> triangles_;         // in Morton order
   std::vector<std::vector<Node>> levels_;  // [0]: kGroup triangles a node; then kFan nodes a node, up to one
 };
 

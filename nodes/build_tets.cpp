@@ -27,26 +27,29 @@ namespace {
 
 const char* const kManual = R"(The helper tet mesh H that embeds the soft surface M, and the lattice that ties M to it.
 
-An octree over M's box splits a cell while it holds more than `max_vertices` of M and is above `max_depth`; leaves that touch differ by one level at most.
-Leaves that M touches or that lie inside M are kept, and filled with tets from their centres to their faces (Labelle and Shewchuk 2007, not cut to the
-surface). H therefore sticks out of M: the report gives the volumes of both. H is valid for any triangle soup: conforming, every tet positive. Inside is
-where the winding number is beyond one half either way, so that open, broken and inside-out surfaces work too; what was assumed is said in a warning.
+An octree over M's box splits a cell while it holds more than `max_vertices` of M and is above `max_depth`; leaves that touch differ by one level at
+most. Leaves that M touches or that lie inside M are kept, and filled with tets from their centres to their faces (Labelle and Shewchuk 2007, not
+cut to the surface). H therefore sticks out of M: the report gives the volumes of both. H is valid for any triangle soup: conforming, every tet
+positive. Inside is where the winding number is beyond one half either way, so that open, broken and inside-out surfaces work too; what was assumed
+is said in a warning.
 
-`split_pieces` gives a cell a copy for each connected piece of material in it, so that fingers or lips closer than a cell come apart (Molino et al. 2004,
-Nesme et al. 2009); cells that only touch without material in between hold together only round a common edge. Without it, what shares a cell moves as one.
+`split_pieces` gives a cell a copy for each connected piece of material in it, so that fingers or lips closer than a cell come apart (Molino et al.
+2004, Nesme et al. 2009); cells that only touch without material in between hold together only round a common edge. Without it, what shares a cell
+moves as one.
 
-`lattice` is how M rides in H: `barycentric` in the tet that holds the vertex, `trilinear` in the cell's corners, `mean_value` in the cell as a closed cage (Ju
-et al. 2005). A head of 20,000 vertices bent by a quarter turn and dented by a Gaussian, given at H's vertices, against the exact shape (max_depth 5):
+`lattice` is how M rides in H: `barycentric` in the tet that holds the vertex, `trilinear` in the cell's corners, `mean_value` in the cell as a
+closed cage (Ju et al. 2005). A head of 20,000 vertices bent by a quarter turn and dented by a Gaussian, given at H's vertices, against the exact
+shape (max_depth 5):
   barycentric  4.0 entries a vertex, error 0.086 % and 0.73 % of the displacement, normals off by 0.27 and 0.29 degrees (RMS)
   trilinear    8.0                         0.145 %     1.39 %                                     0.29     0.32
   mean_value   8.1                         0.159 %     1.40 %                                     0.36     0.38
-Barycentric is the default: it also uses the cells' centres and is continuous everywhere; trilinear tears a little where cells of two sizes meet. In cells much
-larger than M's faces (depth 4) barycentric facets show first: dihedral angles off by 1.8 degrees, against 1.4 with trilinear.
+Barycentric is the default: it also uses the cells' centres and is continuous everywhere; trilinear tears a little where cells of two sizes meet. In
+cells much larger than M's faces (depth 4) barycentric facets show first: dihedral angles off by 1.8 degrees, against 1.4 with trilinear.
 
 A vertex that no face uses follows the nearest cell and does not move the body.
 
-Tet space: units of the finest cell's edge, about M's centre; rest positions are whole eighths, exact in float32. H is built once for a body that only moves,
-turns and scales as a whole.)";
+Tet space: units of the finest cell's edge, about M's centre; rest positions are whole eighths, exact in float32. H is built once for a body that
+only moves, turns and scales as a whole.)";
 
 LatticeKind kind_of(const std::string& name) {
   return name == "barycentric" ? LatticeKind::kBarycentric : name == "trilinear" ? LatticeKind::kTrilinear : LatticeKind::kMeanValue;
@@ -55,11 +58,16 @@ LatticeKind kind_of(const std::string& name) {
 class BuildTets : public Node {
  public:
   In<Surface> surface{this, "surface", {.unit = "world", .doc = "M at rest"}};
-  Param<int> max_depth{this, "max_depth", TetBuildOptions{}.max_depth, {.min = 1, .max = kDeepestOctree, .doc = "levels of the octree: M's box is at most 2^max_depth cells wide"}};
-  Param<int> min_depth{this, "min_depth", TetBuildOptions{}.min_depth, {.min = 0, .max = 8, .doc = "levels everywhere, however few vertices M has there"}};
+  Param<int> max_depth{this,
+                       "max_depth",
+                       TetBuildOptions{}.max_depth,
+                       {.min = 1, .max = kDeepestOctree, .doc = "levels of the octree: M's box is at most 2^max_depth cells wide"}};
+  Param<int> min_depth{
+      this, "min_depth", TetBuildOptions{}.min_depth, {.min = 0, .max = 8, .doc = "levels everywhere, however few vertices M has there"}};
   Param<int> max_vertices{this, "max_vertices", TetBuildOptions{}.max_vertices, {.min = 1, .doc = "vertices of M in a cell before it is split"}};
   Param<bool> split_pieces{this, "split_pieces", TetBuildOptions{}.split_pieces, {.doc = "a copy of a cell for each connected piece of M in it"}};
-  Param<std::string> lattice_kind{this, "lattice", "barycentric", {.choices = {"barycentric", "trilinear", "mean_value"}, .doc = "coordinates of M in H"}};
+  Param<std::string> lattice_kind{
+      this, "lattice", "barycentric", {.choices = {"barycentric", "trilinear", "mean_value"}, .doc = "coordinates of M in H"}};
   Out<TetMesh> tets{this, "tets", {.unit = "cells", .doc = "H at rest"}};
   Out<Lattice> lattice{this, "lattice", {.doc = "M's vertices in H, both ways"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H's rest positions, where the loop starts"}};
@@ -95,7 +103,10 @@ class BuildTets : public Node {
  private:
   BuiltTets build(Context& context, const Surface& body) const {
     const auto start = std::chrono::steady_clock::now();
-    const TetBuildOptions options{.max_depth = max_depth(), .min_depth = std::min(min_depth(), max_depth()), .max_vertices = max_vertices(), .split_pieces = split_pieces(),
+    const TetBuildOptions options{.max_depth = max_depth(),
+                                  .min_depth = std::min(min_depth(), max_depth()),
+                                  .max_vertices = max_vertices(),
+                                  .split_pieces = split_pieces(),
                                   .lattice = kind_of(lattice_kind())};
     BuiltTets built;
     built.build = build_tets(body, options, context.executor(), built.warnings);

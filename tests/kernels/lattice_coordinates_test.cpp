@@ -84,7 +84,7 @@ TEST(LatticeCoordinates, MeanValueReproducesIsPositiveAndSumsToOne) {
     for (int i = 0; i < 5000; ++i) {
       Vec3d p{unit(random), unit(random), unit(random)};
       if (i % 4 == 1) p.z = 1 - std::pow(10, -1 - 10 * std::abs(unit(random)));  // near a face, down to where it counts as on it
-      if (i % 4 == 2) p.y = p.x;                                                // under a diagonal
+      if (i % 4 == 2) p.y = p.x;                                                 // under a diagonal
       if (i % 4 == 3) p.x = -1 + std::pow(10, -1 - 10 * std::abs(unit(random))), p.y = 1 - std::pow(10, -1 - 10 * std::abs(unit(random)));
       const auto w = cage.at(p);
       ASSERT_NEAR(std::accumulate(w.begin(), w.end(), 0.0), 1, 1e-12);

@@ -89,7 +89,8 @@ inline std::string wrong_tables(const TetBuild& build) {
   size_t count = 0;
   for (uint32_t a = 0; a < vertices; ++a)
     for (const Neighbour& n : ends[a]) {
-      if (!std::binary_search(edges.begin(), edges.end(), std::array{std::min(a, n.indices[0]), std::max(a, n.indices[0])})) return "vertex_edges holds an edge that is not there";
+      if (!std::binary_search(edges.begin(), edges.end(), std::array{std::min(a, n.indices[0]), std::max(a, n.indices[0])}))
+        return "vertex_edges holds an edge that is not there";
       const double size = length(to_double(mesh.rest.host()[a]) - to_double(mesh.rest.host()[n.indices[0]]));
       if (std::abs(size - double{n.value}) > 1e-6 * size) return "wrong rest length";
       ++count;
@@ -107,11 +108,12 @@ inline std::string wrong_levels(const TetBuild& build) {
     for (int n = 0; n < 27; ++n) {
       const int64_t x = int64_t{c.x} + n % 3 - 1, y = int64_t{c.y} + n / 3 % 3 - 1, z = int64_t{c.z} + n / 9 - 1;
       if (x < 0 || y < 0 || z < 0) continue;
-      const std::array<uint32_t, 4> above{static_cast<uint32_t>(std::max(0, c.level - 2)), static_cast<uint32_t>(x >> 2), static_cast<uint32_t>(y >> 2),
-                                          static_cast<uint32_t>(z >> 2)};
+      const std::array<uint32_t, 4> above{static_cast<uint32_t>(std::max(0, c.level - 2)), static_cast<uint32_t>(x >> 2),
+                                          static_cast<uint32_t>(y >> 2), static_cast<uint32_t>(z >> 2)};
       if (c.level < 2 || !asked.insert(above).second) continue;
       for (uint32_t up = 0; up <= above[0]; ++up)
-        if (std::binary_search(cells.begin(), cells.end(), std::array{above[0] - up, above[1] >> up, above[2] >> up, above[3] >> up})) return "neighbouring leaves differ by two levels";
+        if (std::binary_search(cells.begin(), cells.end(), std::array{above[0] - up, above[1] >> up, above[2] >> up, above[3] >> up}))
+          return "neighbouring leaves differ by two levels";
     }
   return {};
 }
@@ -147,7 +149,8 @@ inline std::string wrong_lattice(const TetBuild& build, const Surface& surface, 
     if (!(length(lattice.to_local.apply(at) - p) <= slack)) return "vertex " + std::to_string(i) + " is not reproduced";
     if (kind != LatticeKind::kBarycentric || corners.size() < 4) continue;
     std::sort(corners.begin(), corners.end());
-    if (corners.size() != 4 || !std::binary_search(tets.begin(), tets.end(), std::array{corners[0], corners[1], corners[2], corners[3]})) return "a row that is not one tet's";
+    if (corners.size() != 4 || !std::binary_search(tets.begin(), tets.end(), std::array{corners[0], corners[1], corners[2], corners[3]}))
+      return "a row that is not one tet's";
   }
   const auto back = neighbours_by_vertex(lattice.gather, nodes);
   for (uint32_t j = 0; j < nodes; ++j) {

@@ -21,7 +21,8 @@ struct Triangles {
   std::vector<uint32_t> corners;
 
   Triangles() = default;
-  explicit Triangles(const Surface& surface) : points(surface.points.host().begin(), surface.points.host().end()), corners(surface.topology->triangles) {}
+  explicit Triangles(const Surface& surface)
+      : points(surface.points.host().begin(), surface.points.host().end()), corners(surface.topology->triangles) {}
   Triangles& add(const Surface& surface, const Vec3f& shift) {
     const uint32_t first = static_cast<uint32_t>(points.size());
     for (const Vec3f& p : surface.points.host()) points.push_back(p + shift);
@@ -44,7 +45,8 @@ bool says(const std::vector<std::string>& warnings, const std::string& part) {
 }
 
 TEST(TetBuild, KeepsEveryPropertyOnClosedShapes) {
-  const Surface shapes[] = {make_sphere(1, 3), make_box({1, 1, 1}, 4), make_capsule(0.3, 2, 8), make_torus(1, 0.3, 32), make_box({1, 0.004, 1}, 12), make_head(2, 1200)};
+  const Surface shapes[] = {make_sphere(1, 3),      make_box({1, 1, 1}, 4),      make_capsule(0.3, 2, 8),
+                            make_torus(1, 0.3, 32), make_box({1, 0.004, 1}, 12), make_head(2, 1200)};
   for (const Surface& shape : shapes)
     for (const LatticeKind kind : {LatticeKind::kBarycentric, LatticeKind::kTrilinear, LatticeKind::kMeanValue})
       for (const bool split : {false, true}) {
@@ -114,7 +116,8 @@ TEST(TetBuild, FingersCloserThanACellComeApart) {
 TEST(TetBuild, ProngsOfAForkComeApartUpToTheirBase) {
   const float gap = 0.02f, high = 2, base = 0.5f;
   Triangles fork;  // a U in the xy plane, extruded along z: two columns and a bar, made of one closed outline
-  const std::vector<std::array<float, 2>> outline{{0, 0}, {1 + gap, 0}, {1 + gap, high}, {0.5f + gap, high}, {0.5f + gap, base}, {0.5f, base}, {0.5f, high}, {0, high}};
+  const std::vector<std::array<float, 2>> outline{{0, 0},       {1 + gap, 0}, {1 + gap, high}, {0.5f + gap, high}, {0.5f + gap, base},
+                                                  {0.5f, base}, {0.5f, high}, {0, high}};
   for (const float z : {0.0f, 0.5f})
     for (const auto& p : outline) fork.points.push_back({p[0], p[1], z});
   for (uint32_t i = 0; i < 8; ++i) {
@@ -298,21 +301,23 @@ Triangles bad_mesh(int kind, uint32_t seed) {
   const auto drop = [&](uint32_t one_in) {
     std::vector<uint32_t> kept;
     for (size_t t = 0; t < mesh.corners.size(); t += 3)
-      if (random() % one_in != 0) kept.insert(kept.end(), mesh.corners.begin() + static_cast<ptrdiff_t>(t), mesh.corners.begin() + static_cast<ptrdiff_t>(t) + 3);
+      if (random() % one_in != 0)
+        kept.insert(kept.end(), mesh.corners.begin() + static_cast<ptrdiff_t>(t), mesh.corners.begin() + static_cast<ptrdiff_t>(t) + 3);
     mesh.corners = kept;
   };
   switch (kind) {
     case 0: return random_soup(random, 1 + random() % 60, false);
     case 1: return random_soup(random, 1 + random() % 60, true);  // any three of twelve points
-    case 2: drop(2 + random() % 9); return mesh;                   // holes
-    case 3: shake(0.4f); return mesh;                              // through itself
-    case 4:                                                        // turned here and there
+    case 2: drop(2 + random() % 9); return mesh;                  // holes
+    case 3: shake(0.4f); return mesh;                             // through itself
+    case 4:                                                       // turned here and there
       for (size_t t = 0; t < mesh.corners.size(); t += 3)
         if (random() % 3 == 0) std::swap(mesh.corners[t], mesh.corners[t + 1]);
       return mesh;
     case 5: {  // every face twice, once the other way
       const std::vector<uint32_t> once = mesh.corners;
-      for (size_t t = 0; t < once.size(); t += 3) mesh.corners.insert(mesh.corners.end(), {once[t + random() % 2], once[t + random() % 3], once[t + 2]});
+      for (size_t t = 0; t < once.size(); t += 3)
+        mesh.corners.insert(mesh.corners.end(), {once[t + random() % 2], once[t + random() % 3], once[t + 2]});
       return mesh;
     }
     case 6:  // flat, on a plane of the grid or askew
@@ -354,7 +359,8 @@ Triangles bad_mesh(int kind, uint32_t seed) {
     }
     case 13: {  // fingers and slits of all widths
       mesh = Triangles();
-      for (int f = 0; f < 7; ++f) mesh.add(make_box({0.1, 1 + 0.1 * unit(random), 0.2}, 4), {0.1f * static_cast<float>(f) + 0.004f * unit(random), 0, 0.05f * unit(random)});
+      for (int f = 0; f < 7; ++f)
+        mesh.add(make_box({0.1, 1 + 0.1 * unit(random), 0.2}, 4), {0.1f * static_cast<float>(f) + 0.004f * unit(random), 0, 0.05f * unit(random)});
       if (seed % 2 == 0) mesh.add(make_box({0.9, 0.3, 0.3}, 5), {0.3f, -0.5f, 0});
       return mesh;
     }
@@ -375,8 +381,11 @@ TEST(TetBuild, BadMeshesGiveAGoodH) {
       const Surface surface = bad_mesh(kind, 100 * static_cast<uint32_t>(kind) + seed).surface();
       if (surface.topology->triangles.empty()) continue;
       const LatticeKind lattice = static_cast<LatticeKind>(seed % 3);
-      const TetBuildOptions options{.max_depth = 3 + static_cast<int>(seed % 2), .min_depth = static_cast<int>(seed % 4), .max_vertices = 1 + static_cast<int>(seed),
-                                    .split_pieces = seed % 5 != 0, .lattice = lattice};
+      const TetBuildOptions options{.max_depth = 3 + static_cast<int>(seed % 2),
+                                    .min_depth = static_cast<int>(seed % 4),
+                                    .max_vertices = 1 + static_cast<int>(seed),
+                                    .split_pieces = seed % 5 != 0,
+                                    .lattice = lattice};
       std::vector<std::string> warnings;
       const TetBuild build = build_tets(surface, options, *executor, warnings);
       ASSERT_EQ(wrong(build, surface, lattice), "") << "kind " << kind << ", seed " << seed;

@@ -24,7 +24,9 @@ bool something_left(std::vector<Vec3d> polygon, double half) {
   return !polygon.empty();
 }
 
-bool touches(const Vec3d& a, const Vec3d& b, const Vec3d& c, double half = 1) { return triangle_touches_box(a, b, c, {0, 0, 0}, {half, half, half}); }
+bool touches(const Vec3d& a, const Vec3d& b, const Vec3d& c, double half = 1) {
+  return triangle_touches_box(a, b, c, {0, 0, 0}, {half, half, half});
+}
 
 TEST(TriangleBox, AgreesWithClippingOnRandomTriangles) {
   std::mt19937 random(5);
@@ -45,16 +47,16 @@ TEST(TriangleBox, AgreesWithClippingOnRandomTriangles) {
 
 TEST(TriangleBox, KnowsTheDegenerateCases) {
   const Vec3d inside{0.2, -0.3, 0.4}, outside{0.2, 1.3, 0.4};
-  EXPECT_TRUE(touches(inside, inside, inside));                                    // a point
+  EXPECT_TRUE(touches(inside, inside, inside));  // a point
   EXPECT_FALSE(touches(outside, outside, outside));
-  EXPECT_TRUE(touches({-2, 0.9, 0.9}, {2, 0.9, 0.9}, {2, 0.9, 0.9}));              // a segment
+  EXPECT_TRUE(touches({-2, 0.9, 0.9}, {2, 0.9, 0.9}, {2, 0.9, 0.9}));  // a segment
   EXPECT_FALSE(touches({1.5, -3, 0}, {4, 3, 0}, {4, 3, 0}));
-  EXPECT_FALSE(touches({0, 2.1, 0}, {2.1, 0, 0}, {2.1, 0, 0}));                    // passes an edge of the box
+  EXPECT_FALSE(touches({0, 2.1, 0}, {2.1, 0, 0}, {2.1, 0, 0}));  // passes an edge of the box
   EXPECT_TRUE(touches({0, 1.9, 0}, {1.9, 0, 0}, {1.9, 0, 0}));
-  EXPECT_TRUE(touches({-9, -9, 1}, {9, -9, 1}, {0, 9, 1}));                        // in the plane of a face
+  EXPECT_TRUE(touches({-9, -9, 1}, {9, -9, 1}, {0, 9, 1}));  // in the plane of a face
   EXPECT_FALSE(touches({-9, -9, 1.001}, {9, -9, 1.001}, {0, 9, 1.001}));
-  EXPECT_TRUE(touches({1, 1, 1}, {2, 2, 2}, {3, 2, 2}));                           // one corner
-  EXPECT_FALSE(touches({3.1, 0, 0}, {0, 3.1, 0}, {0, 0, 3.1}));                    // cuts the corner of the box's box, not the box
+  EXPECT_TRUE(touches({1, 1, 1}, {2, 2, 2}, {3, 2, 2}));         // one corner
+  EXPECT_FALSE(touches({3.1, 0, 0}, {0, 3.1, 0}, {0, 0, 3.1}));  // cuts the corner of the box's box, not the box
   EXPECT_TRUE(touches({2.9, 0, 0}, {0, 2.9, 0}, {0, 0, 2.9}));
 }
 

@@ -10,7 +10,9 @@ void register_build_tets(Registry&);
 
 namespace build_tets_test {
 
-direct::DirectRun node(const Literal::Map& parameters = {}) { return direct::DirectRun(register_build_tets, "build_tets", parameters); }
+direct::DirectRun node(const Literal::Map& parameters = {}) {
+  return direct::DirectRun(register_build_tets, "build_tets", parameters);
+}
 
 TEST(BuildTets, GivesTetsLatticePointsAndFigures) {
   auto run = node();
@@ -18,7 +20,8 @@ TEST(BuildTets, GivesTetsLatticePointsAndFigures) {
   run.give("surface", sphere).at(1);
   const TetMesh& tets = run.result<TetMesh>(0);
   EXPECT_GT(tets.vertices(), 100u);
-  EXPECT_TRUE(std::ranges::equal(run.result<Lattice>(1).tet_rest.host(), tets.rest.host(), [](const Vec3f& a, const Vec3f& b) { return a.x == b.x && a.y == b.y && a.z == b.z; }));
+  EXPECT_TRUE(std::ranges::equal(run.result<Lattice>(1).tet_rest.host(), tets.rest.host(),
+                                 [](const Vec3f& a, const Vec3f& b) { return a.x == b.x && a.y == b.y && a.z == b.z; }));
   EXPECT_EQ(run.result<Points>(2).values.id(), tets.rest.id());
   const Report& report = run.result<Report>(3);
   EXPECT_EQ(report.number("vertices"), static_cast<double>(tets.vertices()));
@@ -39,7 +42,9 @@ class SharedFrames final : public Context {
     node.evaluate(*this);
   }
   template <class T>
-  const T& result(size_t output) const { return outputs_[output].as<T>(); }
+  const T& result(size_t output) const {
+    return outputs_[output].as<T>();
+  }
   int made = 0;
 
   int frame() const override { return 1; }
