@@ -1,14 +1,23 @@
 #include "graph/buffer.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdlib>
+#include <limits>
 #include <mutex>
 #include <new>
 
 #include "graph/error.h"
 #include "graph/executor.h"
 #include "graph/value.h"
+
+#if defined(__SANITIZE_ADDRESS__)
+#include <sanitizer/asan_interface.h>
+#else
+#define ASAN_POISON_MEMORY_REGION(address, size) ((void)(address), (void)(size))
+#define ASAN_UNPOISON_MEMORY_REGION(address, size) ((void)(address), (void)(size))
+#endif
 
 namespace knead {
 
@@ -23,38 +32,41 @@ std::string Device::text() const {
 
 namespace {
 
+[[noreturn]] void throw_out_of_memory(const std::string& size) {
+  throw Error(ErrorCode::kMemory, "out of memory: " + size + " were asked for", "lower the resolution, or run fewer frames at once");
+}
+
 // Blocks are rounded up to an eighth of a power of two, so at most 12.5 % is lost, and freed blocks wait in one list per rounded size. What waits is bounded.
+// AddressSanitizer sees what waits, and what was rounded up, as not allocated.
 class HostPool : public MemoryResource {
  public:
   void* allocate(size_t bytes) override {
+    if (bytes > kMostBytes) throw_out_of_memory(std::to_string(bytes) + " bytes");
     const size_t rounded = round_up(bytes);
-    {
-      std::lock_guard lock(mutex_);
-      Free*& list = list_of(rounded);
-      if (list) {
-        Free* block = list;
-        list = block->next;
-        kept_ -= rounded;
-        return block;
-      }
-    }
-    void* storage = std::aligned_alloc(kAlignment, rounded);
+    void* storage = take(rounded);
     if (!storage) {
-      trim();
       storage = std::aligned_alloc(kAlignment, rounded);
+      if (!storage) {
+        trim();
+        storage = std::aligned_alloc(kAlignment, rounded);
+      }
+      if (!storage) throw_out_of_memory(std::to_string(bytes) + " bytes");
+      from_system_.fetch_add(1, std::memory_order_relaxed);
     }
-    if (!storage) throw Error(ErrorCode::kMemory, "out of memory: " + std::to_string(bytes) + " bytes were asked for", "use a smaller max_depth or voxel count");
+    ASAN_POISON_MEMORY_REGION(static_cast<char*>(storage) + bytes, rounded - bytes);
     return storage;
   }
 
   void release(void* storage, size_t bytes) noexcept override {
     const size_t rounded = round_up(bytes);
+    ASAN_UNPOISON_MEMORY_REGION(storage, rounded);
     {
       std::lock_guard lock(mutex_);
       if (kept_ + rounded <= kMostKept) {
         Free*& list = list_of(rounded);
         list = new (storage) Free{list};
         kept_ += rounded;
+        ASAN_POISON_MEMORY_REGION(storage, rounded);
         return;
       }
     }
@@ -63,9 +75,15 @@ class HostPool : public MemoryResource {
 
   Device device() const override { return {}; }
 
+  HostMemoryFigures figures() {
+    std::lock_guard lock(mutex_);
+    return {from_system_.load(std::memory_order_relaxed), kept_};
+  }
+
  private:
   static constexpr size_t kAlignment = 64;
   static constexpr size_t kMostKept = size_t{1} << 30;
+  static constexpr size_t kMostBytes = std::numeric_limits<size_t>::max() / 4;
   struct Free {
     Free* next;
   };
@@ -81,30 +99,47 @@ class HostPool : public MemoryResource {
     const size_t eighth = (rounded - std::bit_floor(rounded)) / std::max<size_t>(kAlignment, std::bit_floor(rounded) / 8);
     return lists_[static_cast<size_t>(power) * 8 + eighth];
   }
+  void* take(size_t rounded) {
+    std::lock_guard lock(mutex_);
+    Free*& list = list_of(rounded);
+    if (!list) return nullptr;
+    ASAN_UNPOISON_MEMORY_REGION(list, rounded);
+    kept_ -= rounded;
+    return std::exchange(list, list->next);
+  }
   void trim() {
     std::lock_guard lock(mutex_);
     for (Free*& list : lists_)
-      while (list) std::free(std::exchange(list, list->next));
+      while (list) {
+        ASAN_UNPOISON_MEMORY_REGION(list, sizeof(Free));
+        std::free(std::exchange(list, list->next));
+      }
     kept_ = 0;
   }
 
   std::mutex mutex_;
   std::array<Free*, 64 * 8> lists_{};
   size_t kept_ = 0;
+  std::atomic<uint64_t> from_system_{0};
 };
 
 std::atomic<uint64_t> next_buffer_id{1};
 
 }  // namespace
 
-MemoryResource& host_memory() {
+static HostPool& host_pool() {
   static HostPool* const pool = new HostPool;  // never destroyed: buffers in static storage of the host application may outlive every other object
   return *pool;
 }
+MemoryResource& host_memory() { return host_pool(); }
+HostMemoryFigures host_memory_figures() { return host_pool().figures(); }
 
 namespace detail {
 
-BufferBlock* new_buffer_block(size_t bytes, MemoryResource& resource) {
+BufferBlock* new_buffer_block(size_t count, size_t element_bytes, size_t padding_bytes, MemoryResource& resource) {
+  if (count > (std::numeric_limits<size_t>::max() - padding_bytes) / element_bytes)
+    throw_out_of_memory(std::to_string(count) + " elements of " + std::to_string(element_bytes) + " bytes");
+  const size_t bytes = count * element_bytes + padding_bytes;
   auto* block = new (host_memory().allocate(sizeof(BufferBlock))) BufferBlock;
   try {
     block->data = resource.allocate(bytes);

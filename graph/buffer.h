@@ -34,6 +34,12 @@ class MemoryResource {
 // The process-wide host pool: 64-byte aligned, keeps freed blocks by size so that a loop reaches the system allocator only in its first rounds.
 MemoryResource& host_memory();
 
+struct HostMemoryFigures {
+  uint64_t from_system = 0;  // blocks that the pool had to ask the system for: stands still while a loop runs
+  size_t kept_bytes = 0;     // in freed blocks that wait to be used again
+};
+HostMemoryFigures host_memory_figures();
+
 namespace detail {
 struct BufferBlock {
   std::atomic<uint32_t> references{1};
@@ -44,7 +50,7 @@ struct BufferBlock {
   MemoryResource* resource = nullptr;        // null when the storage is wrapped
   std::function<void()> release_wrapped;     // tells the owner of wrapped storage that the last handle is gone
 };
-BufferBlock* new_buffer_block(size_t bytes, MemoryResource& resource);
+BufferBlock* new_buffer_block(size_t count, size_t element_bytes, size_t padding_bytes, MemoryResource& resource);
 BufferBlock* wrap_buffer_block(void* data, size_t bytes, Device device, std::function<void()> release);
 void release(BufferBlock* block) noexcept;
 [[noreturn]] void throw_wrong_device(Device is, Device asked);
@@ -61,7 +67,7 @@ class Buffer {
 
   Buffer() = default;
   explicit Buffer(size_t size, MemoryResource& resource = host_memory())
-      : block_(detail::new_buffer_block(size * sizeof(T) + kPaddingBytes, resource)), size_(size) {}
+      : block_(detail::new_buffer_block(size, sizeof(T), kPaddingBytes, resource)), size_(size) {}
   explicit Buffer(std::span<const T> values, MemoryResource& resource = host_memory()) : Buffer(values.size(), resource) {
     T* out = data_for_write();
     for (size_t i = 0; i < values.size(); ++i) out[i] = values[i];

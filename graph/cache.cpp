@@ -21,18 +21,23 @@ void Cache::store(const Key& key, Result result) {
   size_t bytes = sizeof(Entry) + 64;
   for (const Value& value : result.outputs)
     if (value) bytes += value.type()->bytes(value) + 64;
+  if (bytes > most_bytes_) return;
+  std::list<Key> place{key};
+  std::vector<Result> evicted;  // dies after the lock is given back: the last handle of wrapped storage calls into the host application
   std::lock_guard lock(mutex_);
-  if (entries_.count(key) || bytes > most_bytes_) return;
-  while (figures_.bytes + bytes > most_bytes_) {
+  const auto [entry, is_new] = entries_.try_emplace(key);
+  if (!is_new) return;
+  entry->second = {std::move(result), bytes, place.begin()};
+  order_.splice(order_.begin(), place);
+  figures_.bytes += bytes;
+  while (figures_.bytes > most_bytes_) {
     const auto oldest = entries_.find(order_.back());
+    evicted.push_back(std::move(oldest->second.result));
     figures_.bytes -= oldest->second.bytes;
     ++figures_.evictions;
     entries_.erase(oldest);
     order_.pop_back();
   }
-  order_.push_front(key);
-  entries_.emplace(key, Entry{std::move(result), bytes, order_.begin()});
-  figures_.bytes += bytes;
 }
 
 CacheFigures Cache::figures() const {
@@ -43,8 +48,9 @@ CacheFigures Cache::figures() const {
 }
 
 void Cache::clear() {
+  std::unordered_map<Key, Entry, KeyHash> dropped;  // dies after the lock is given back, as above
   std::lock_guard lock(mutex_);
-  entries_.clear();
+  dropped.swap(entries_);
   order_.clear();
   figures_.bytes = 0;
 }

@@ -40,7 +40,7 @@ class Cache {
  private:
   struct Entry {
     Result result;
-    size_t bytes;
+    size_t bytes = 0;
     std::list<Key>::iterator place;
   };
   mutable std::mutex mutex_;

@@ -1,604 +1,318 @@
 #include <algorithm>
-#include <deque>
-#include <map>
-#include <set>
+#include <tuple>
 
-#include "graph/iterate.h"
-#include "graph/plan.h"
+#include "graph/compiler.h"
 
 namespace knead {
 namespace {
 
-constexpr int kDeepestGroups = 16;
+constexpr size_t kDeepestChain = 500;       // nodes that wait for each other while they are compiled; each takes some kilobytes of stack
+constexpr int kFromCommandLine = -1;        // Literal::line of --set values
 
-// What a node of the file has become: a node of the plan, or (a group) a list of sources per output. `failed` keeps one error from causing others.
-struct Compiled {
-  enum { kUntouched, kUnderWay, kDone } state = kUntouched;
-  bool failed = false;
-  int node = -1;
-  std::vector<std::pair<std::string, std::vector<Source>>> group_outputs;
-  bool is_group = false;
-};
+bool is_name(const std::string& text) {
+  const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
+  return !text.empty() && letter(text[0]) && std::all_of(text.begin(), text.end(), [&](char c) { return letter(c) || (c >= '0' && c <= '9'); });
+}
 
-struct Reference {
-  std::vector<Source> sources;
-  bool failed = false;
-};
-
-struct Scope {
-  const std::vector<NodeSpec>* specs = nullptr;
-  std::string file;
-  std::string prefix;               // "press."
-  Plan* plan = nullptr;
-  Scope* parent = nullptr;          // names not found here are looked up there and captured; null across a group's border
-  std::map<std::string, Compiled> compiled;
-  std::map<std::string, Source> states;
-  bool has_states = false;
-  std::map<std::string, std::vector<Source>> inputs;  // of the group
-  std::set<std::string> failed_inputs;
-  bool has_inputs = false;
-  std::map<std::string, Literal> parameters;
-  std::map<std::pair<int, int>, int> captured;        // parent's source -> external of plan
-  int group_depth = 0;
-};
-
-class Compiler {
- public:
-  explicit Compiler(const CompileOptions& options) : options_(options), registry_(options.registry ? *options.registry : Registry::builtin()) {}
-
-  std::shared_ptr<const Plan> run(const GraphSpec& spec) {
-    auto plan = std::make_shared<Plan>();
-    plan->file = spec.file;
-    plan->frames = spec.frames;
-    Scope& scope = scopes_.emplace_back();
-    scope.specs = &spec.nodes;
-    scope.file = spec.file;
-    scope.plan = plan.get();
-    scope.has_inputs = !spec.inputs.empty();
-    for (const GroupInputSpec& input : spec.inputs)
-      if (!input.optional)
-        fail({spec.file, 0, 0, {}, input.name}, "this graph is made to be used as a group: its input '" + input.name + "' has no value here");
-    for (const GroupInputSpec& input : spec.inputs) scope.inputs[input.name] = {};
-    for (const GroupParameterSpec& parameter : spec.parameters) scope.parameters[parameter.name] = parameter.value;
-    compile_scope(scope);
-    for (size_t i = 0; i < options_.overrides.size(); ++i)
-      if (!used_overrides_.count(i)) {
-        const std::string near = nearest_name(options_.overrides[i].first, {known_params_.begin(), known_params_.end()});
-        fail({"--set", 0, 0, {}, options_.overrides[i].first}, "no node has this parameter", near.empty() ? "" : "did you mean '" + near + "'?");
-      }
-    if (!errors_.empty()) {
-      std::stable_sort(errors_.begin(), errors_.end(), [](const Error& a, const Error& b) {
-        return std::tie(a.where().file, a.where().line, a.where().column) < std::tie(b.where().file, b.where().line, b.where().column);
-      });
-      throw GraphErrors(std::move(errors_));
-    }
-    name_outputs(*plan, scope);
-    mark_frames(*plan);
-    return plan;
+// Every output by "node.output", and the first also by "node".
+void name_outputs(Plan& plan, const Scope& top) {
+  const auto name = [&](const std::string& node, const std::string& output, Source source) {
+    plan.names.try_emplace(node, source);
+    plan.names.insert_or_assign(node + "." + output, source);
+  };
+  for (size_t i = 0; i < plan.nodes.size(); ++i) {
+    const auto& outputs = plan.nodes[i].node->outputs();
+    for (size_t k = 0; k < outputs.size(); ++k) name(plan.nodes[i].name, outputs[k].name, {static_cast<int>(i), static_cast<int>(k)});
   }
+  for (size_t i = 0; i < top.compiled.size(); ++i)
+    for (const auto& [output, sources] : top.compiled[i].group_outputs)
+      if (!sources.empty()) name((*top.specs)[i].name, output, sources[0]);
+}
 
- private:
-  void fail(Where where, const std::string& message, const std::string& hint = {}) {
-    errors_.emplace_back(ErrorCode::kGraph, std::move(where), message, hint);
+void mark_frames(Plan& plan) {
+  for (PlanNode& node : plan.nodes) {
+    node.frame_dependent = node.node->depends_on_frame();
+    for (const auto& sources : node.inputs)
+      for (const Source source : sources) node.frame_dependent |= plan.nodes[static_cast<size_t>(source.node)].frame_dependent;
   }
-  static Where where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member = {}) {
-    return {scope.file, at.line, at.column, node, member};
-  }
-  static std::string did_you_mean(const std::string& wrong, const std::vector<std::string>& known) {
-    const std::string near = nearest_name(wrong, known);
-    return near.empty() ? "" : "did you mean '" + near + "'?";
-  }
+}
 
-  void compile_scope(Scope& scope) {
-    for (const NodeSpec& spec : *scope.specs) compile_node(scope, spec);
+void add_parameters(const Plan& plan, std::vector<std::string>& known) {
+  for (const PlanNode& node : plan.nodes) {
+    for (const ParamBase* param : node.node->params()) known.push_back(node.name + "." + param->name());
+    if (const auto* loop = dynamic_cast<const Iterate*>(node.node.get())) add_parameters(loop->body(), known);
   }
-
-  Compiled& compile_node(Scope& scope, const NodeSpec& spec) {
-    Compiled& compiled = scope.compiled[spec.name];
-    if (compiled.state == Compiled::kDone) return compiled;
-    const Where where{scope.file, spec.line, spec.column, scope.prefix + spec.name, {}};
-    if (compiled.state == Compiled::kUnderWay) {
-      if (!compiled.failed) {
-        std::string path;
-        const auto from = std::find(stack_.begin(), stack_.end(), scope.prefix + spec.name);
-        for (auto it = from; it != stack_.end(); ++it) path += *it + " -> ";
-        fail(where, "a cycle: " + path + scope.prefix + spec.name, "a loop is written as a node of type iterate");
-      }
-      compiled.failed = true;
-      return compiled;
-    }
-    compiled.state = Compiled::kUnderWay;
-    stack_.push_back(scope.prefix + spec.name);
-    const size_t errors_before = errors_.size();
-    compile_arguments(scope, spec, where, compiled);
-    compiled.failed |= errors_.size() > errors_before;
-    stack_.pop_back();
-    compiled.state = Compiled::kDone;
-    return compiled;
-  }
-
-  // The arguments with group parameters put in and --set applied.
-  Literal::Map arguments_of(Scope& scope, const NodeSpec& spec) {
-    Literal::Map arguments = spec.arguments;
-    for (auto& [name, value] : arguments)
-      if (!(spec.type == "iterate" && name.as_string() && *name.as_string() == "body")) substitute(scope, value, scope.prefix + spec.name);
-    const std::string full = scope.prefix + spec.name + ".";
-    for (size_t i = 0; i < options_.overrides.size(); ++i) {
-      const auto& [path, value] = options_.overrides[i];
-      if (path.compare(0, full.size(), full) != 0 || path.find('.', full.size()) != std::string::npos) continue;
-      const std::string member = path.substr(full.size());
-      auto found = std::find_if(arguments.begin(), arguments.end(), [&](const auto& a) { return a.first.as_string() && *a.first.as_string() == member; });
-      if (found == arguments.end()) {
-        if (!takes(spec, member)) continue;  // reported as unused, with the nearest parameter
-        arguments.emplace_back(member, value);
-      } else {
-        found->second = value;
-      }
-      used_overrides_.insert(i);
-    }
-    return arguments;
-  }
-
-  bool takes(const NodeSpec& spec, const std::string& member) {
-    const NodeType* type = registry_.find(spec.type);
-    if (!type) return true;
-    if (spec.type == "group" || type->group) return true;  // checked when the group is expanded
-    const auto node = type->make();
-    const auto has = [&](const auto& list, const auto& name_of) { return std::any_of(list.begin(), list.end(), [&](const auto& item) { return name_of(item) == member; }); };
-    return has(node->params(), [](const ParamBase* p) { return p->name(); }) || has(node->inputs(), [](const InputDeclaration& d) { return d.name; });
-  }
-
-  void substitute(Scope& scope, Literal& value, const std::string& node) {
-    if (const std::string* text = value.as_string(); text && text->size() > 1 && (*text)[0] == '$') {
-      const auto found = scope.parameters.find(text->substr(1));
-      if (found == scope.parameters.end()) {
-        std::vector<std::string> known;
-        for (const auto& [name, literal] : scope.parameters) known.push_back(name);
-        fail(where_of(scope, value, node), "the graph has no parameter '" + text->substr(1) + "'", did_you_mean(text->substr(1), known));
-        return;
-      }
-      const int line = value.line, column = value.column;
-      value = found->second;
-      value.line = line;
-      value.column = column;
-    } else if (auto* list = std::get_if<Literal::List>(&value.value)) {
-      for (Literal& item : *list) substitute(scope, item, node);
-    } else if (auto* map = value.as_map()) {
-      for (auto& [key, item] : *map) substitute(scope, item, node);
-    }
-  }
-
-  void compile_arguments(Scope& scope, const NodeSpec& spec, const Where& where, Compiled& compiled) {
-    const NodeType* type = registry_.find(spec.type);
-    if (!type) {
-      if (!spec.type.empty()) fail(where, "unknown node type '" + spec.type + "'", did_you_mean(spec.type, registry_.names()));
-      arguments_of(scope, spec);  // marks --set values as used
-      compiled.failed = true;
-      return;
-    }
-    const Literal::Map arguments = arguments_of(scope, spec);
-    if (spec.type == "group" || type->group) return expand_group(scope, spec, *type, arguments, where, compiled);
-    PlanNode plan_node;
-    plan_node.name = scope.prefix + spec.name;
-    plan_node.type = type;
-    plan_node.node = type->make();
-    plan_node.where = where;
-    if (spec.type == "iterate") {
-      if (!compile_loop(scope, arguments, plan_node)) compiled.failed = true;
-    } else {
-      assign(scope, arguments, plan_node, compiled);
-    }
-    Hasher hasher;
-    hasher.add(type->name).add(type->version);
-    for (const ParamBase* param : plan_node.node->params()) param->hash(hasher);
-    if (const auto* loop = dynamic_cast<const Iterate*>(plan_node.node.get())) loop->hash_body(hasher);
-    plan_node.static_key = hasher.key();
-    compiled.node = static_cast<int>(scope.plan->nodes.size());
-    scope.plan->nodes.push_back(std::move(plan_node));
-  }
-
-  void assign(Scope& scope, const Literal::Map& arguments, PlanNode& plan_node, Compiled& compiled) {
-    Node& node = *plan_node.node;
-    plan_node.inputs.resize(node.inputs().size());
-    std::set<std::string> given;
-    bool params_good = true;
-    for (const auto& [name_literal, value] : arguments) {
-      const std::string name = name_literal.as_string() ? *name_literal.as_string() : name_literal.text();
-      given.insert(name);
-      const auto input = std::find_if(node.inputs().begin(), node.inputs().end(), [&](const auto& declaration) { return declaration.name == name; });
-      if (input != node.inputs().end()) {
-        Reference reference = connect(scope, value, *input, plan_node.name);
-        compiled.failed |= reference.failed;
-        if (reference.sources.empty() && !reference.failed && !input->optional)
-          fail(where_of(scope, value, plan_node.name, name), "this input must be connected", std::string("it takes a ") + input->type->name);
-        plan_node.inputs[static_cast<size_t>(input - node.inputs().begin())] = std::move(reference.sources);
-      } else {
-        params_good &= set_param(scope, node, plan_node.name, name, name_literal, value);
-      }
-    }
-    for (const ParamBase* param : node.params()) known_params_.insert(plan_node.name + "." + param->name());
-    for (const InputDeclaration& input : node.inputs())
-      if (!input.optional && !given.count(input.name)) {
-        Where where = plan_node.where;
-        where.member = input.name;
-        fail(where, "this input must be connected", std::string("it takes a ") + input.type->name);
-      }
-    if (!params_good) return;
-    try {
-      node.configure();
-    } catch (const GraphErrors& errors) {
-      for (const Error& error : errors.errors()) errors_.push_back(error.at(plan_node.where));
-    } catch (const Error& error) {
-      errors_.push_back(error.at(plan_node.where));
-    }
-  }
-
-  bool set_param(Scope& scope, Node& node, const std::string& full, const std::string& name, const Literal& name_literal, const Literal& value) {
-    for (ParamBase* param : node.params()) {
-      if (param->name() != name) continue;
-      const std::string wrong = param->assign(value);
-      if (!wrong.empty()) fail(where_of(scope, value, full, name), wrong);
-      return wrong.empty();
-    }
-    std::vector<std::string> known;
-    for (const InputDeclaration& input : node.inputs()) known.push_back(input.name);
-    for (const ParamBase* param : node.params()) known.push_back(param->name());
-    if (dynamic_cast<Iterate*>(&node)) known.insert(known.end(), {"state", "body", "next"});
-    std::string hint = did_you_mean(name, known);
-    if (hint.empty()) {
-      for (const std::string& one : known) hint += (hint.empty() ? "it takes " : ", ") + one;
-    }
-    fail(where_of(scope, name_literal, full, name), "the node has no such input or parameter", hint);
-    return false;
-  }
-
-  // The sources behind an argument of an input port, checked against its type.
-  Reference connect(Scope& scope, const Literal& value, const InputDeclaration& input, const std::string& node) {
-    Reference all;
-    const auto add = [&](const Literal& item) {
-      Reference one = resolve(scope, item, node, input.name);
-      all.failed |= one.failed;
-      for (const Source source : one.sources) {
-        const PortType* is = scope.plan->type_of(source);
-        if (is && input.type && !same_type(*is, *input.type)) {
-          fail(where_of(scope, item, node, input.name), std::string("expected a ") + input.type->name + ", but '" + item.text().substr(1, item.text().size() - 2) + "' is a " + is->name,
-               outputs_of_type(scope, source, *input.type));
-          all.failed = true;
-        }
-        all.sources.push_back(source);
-      }
-    };
-    if (const Literal::List* list = value.as_list())
-      for (const Literal& item : *list) add(item);
-    else
-      add(value);
-    if (!input.many && all.sources.size() > 1) {
-      fail(where_of(scope, value, node, input.name), "this input takes one value, and a list was given");
-      all.failed = true;
-    }
-    return all;
-  }
-
-  static std::string outputs_of_type(const Scope& scope, Source source, const PortType& type) {
-    if (source.node == Source::kExternal) return {};
-    const PlanNode& from = scope.plan->nodes[static_cast<size_t>(source.node)];
-    for (const OutputDeclaration& output : from.node->outputs())
-      if (output.type && same_type(*output.type, type)) return "did you mean '" + from.name + "." + output.name + "'?";
-    return {};
-  }
-
-  Reference resolve(Scope& scope, const Literal& value, const std::string& node, const std::string& member) {
-    if (value.is_null()) return {};
-    const std::string* text = value.as_string();
-    if (!text) {
-      fail(where_of(scope, value, node, member), std::string("expected the name of a node or of its output, found ") + value.kind(), "such as 'body' or 'tets.lattice'");
-      return {{}, true};
-    }
-    if (*text == "none") return {};
-    const size_t dot = text->find('.');
-    const std::string name = text->substr(0, dot), output = dot == std::string::npos ? "" : text->substr(dot + 1);
-    std::vector<std::string> known;
-    for (Scope* at = &scope; at; at = at->parent) {
-      std::vector<Source> sources;
-      int found = 0;  // 1: found, -1: found and wrong
-      if (name == "state" && at->has_states) found = find_state(*at, output, sources, known);
-      else if (name == "inputs" && at->has_inputs) found = find_input(*at, output, sources, known);
-      else found = find_output(*at, name, output, sources, known);
-      if (found == 1) return {captured(scope, at, sources), false};
-      if (found == -1) return {{}, true};
-      if (found == -2) {
-        fail(where_of(scope, value, node, member), "'" + name + "' has no output '" + output + "'", did_you_mean(output, known).empty() ? listed(known) : did_you_mean(output, known));
-        return {{}, true};
-      }
-    }
-    fail(where_of(scope, value, node, member), "there is no node '" + name + "'", did_you_mean(name, known));
-    return {{}, true};
-  }
-
-  static std::string listed(const std::vector<std::string>& known) {
-    std::string all;
-    for (const std::string& one : known) all += (all.empty() ? "it has " : ", ") + one;
-    return all;
-  }
-
-  // 1: found; 0: not here; -1: found but broken (already reported); -2: the node is there, the output is not, and `known` names those that are.
-  int find_state(Scope& scope, const std::string& output, std::vector<Source>& sources, std::vector<std::string>& known) {
-    if (const auto found = scope.states.find(output); found != scope.states.end()) return sources = {found->second}, 1;
-    known.clear();
-    for (const auto& [name, source] : scope.states) known.push_back(name);
-    return -2;
-  }
-  int find_input(Scope& scope, const std::string& output, std::vector<Source>& sources, std::vector<std::string>& known) {
-    if (scope.failed_inputs.count(output)) return -1;
-    if (const auto found = scope.inputs.find(output); found != scope.inputs.end()) return sources = found->second, 1;
-    known.clear();
-    for (const auto& [name, all] : scope.inputs) known.push_back(name);
-    return -2;
-  }
-  int find_output(Scope& scope, const std::string& name, const std::string& output, std::vector<Source>& sources, std::vector<std::string>& known) {
-    const auto spec = std::find_if(scope.specs->begin(), scope.specs->end(), [&](const NodeSpec& one) { return one.name == name; });
-    if (spec == scope.specs->end()) {
-      for (const NodeSpec& one : *scope.specs) known.push_back(one.name);
-      return 0;
-    }
-    const Compiled& compiled = compile_node(scope, *spec);
-    if (compiled.is_group) {
-      for (const auto& [group_output, group_sources] : compiled.group_outputs)
-        if (output.empty() || output == group_output) return sources = group_sources, compiled.failed ? -1 : 1;
-      if (compiled.failed) return -1;
-      known.clear();
-      for (const auto& [group_output, group_sources] : compiled.group_outputs) known.push_back(group_output);
-      return -2;
-    }
-    if (compiled.node < 0) return -1;
-    const auto& outputs = scope.plan->nodes[static_cast<size_t>(compiled.node)].node->outputs();
-    for (size_t i = 0; i < outputs.size(); ++i)
-      if (output.empty() || output == outputs[i].name) return sources = {{compiled.node, static_cast<int>(i)}}, 1;
-    if (compiled.failed) return -1;
-    known.clear();
-    for (const OutputDeclaration& one : outputs) known.push_back(one.name);
-    return -2;
-  }
-
-  // Sources of an outer scope as seen from an inner one: an external of every loop in between.
-  std::vector<Source> captured(Scope& scope, Scope* owner, const std::vector<Source>& sources) {
-    if (&scope == owner || scope.plan == owner->plan) return sources;
-    std::vector<Source> inner;
-    for (const Source source : captured(*scope.parent, owner, sources)) {
-      const auto [entry, is_new] = scope.captured.try_emplace({source.node, source.output}, static_cast<int>(scope.plan->externals.size()));
-      if (is_new) scope.plan->externals.push_back({source_name(*scope.parent->plan, source), scope.parent->plan->type_of(source)});
-      inner.push_back({Source::kExternal, entry->second});
-    }
-    return inner;
-  }
-  static std::string source_name(const Plan& plan, Source source) {
-    if (source.node == Source::kExternal) return plan.externals[static_cast<size_t>(source.output)].name;
-    const PlanNode& node = plan.nodes[static_cast<size_t>(source.node)];
-    return node.name + "." + node.node->outputs()[static_cast<size_t>(source.output)].name;
-  }
-
-  bool compile_loop(Scope& scope, const Literal::Map& arguments, PlanNode& plan_node) {
-    auto& loop = static_cast<Iterate&>(*plan_node.node);
-    const Literal *state = nullptr, *body = nullptr, *next = nullptr;
-    bool good = true;
-    for (const auto& [name_literal, value] : arguments) {
-      const std::string name = name_literal.as_string() ? *name_literal.as_string() : name_literal.text();
-      if (name == "state") state = &value;
-      else if (name == "body") body = &value;
-      else if (name == "next") next = &value;
-      else good &= set_param(scope, loop, plan_node.name, name, name_literal, value);
-    }
-    for (const ParamBase* param : loop.params()) known_params_.insert(plan_node.name + "." + param->name());
-    for (const auto& [what, literal] : {std::pair{"state", state}, {"body", body}, {"next", next}})
-      if (!literal || !literal->as_map()) {
-        fail(plan_node.where, std::string("a loop needs `") + what + ":` with a map", "state: {points: tets.points}, body: {...}, next: {points: stiff}");
-        good = false;
-      }
-    if (!good) return false;
-
-    Plan inner_plan;
-    Scope& inner = scopes_.emplace_back();
-    inner.file = scope.file;
-    inner.prefix = plan_node.name + ".";
-    inner.plan = &inner_plan;
-    inner.parent = &scope;
-    inner.has_states = true;
-    inner.parameters = scope.parameters;
-    inner.group_depth = scope.group_depth;
-    inner.specs = &bodies_.emplace_back(node_specs(*body, scope.file, plan_node.name, errors_));
-
-    std::vector<Iterate::State> states;
-    for (const auto& [name_literal, value] : *state->as_map()) {
-      Iterate::State one;
-      one.name = name_literal.as_string() ? *name_literal.as_string() : name_literal.text();
-      Reference start = connect(scope, value, {one.name, nullptr, {}, true, false}, plan_node.name);
-      good &= !start.failed;
-      one.type = start.sources.empty() ? nullptr : scope.plan->type_of(start.sources[0]);
-      inner.states[one.name] = {Source::kExternal, static_cast<int>(states.size())};
-      inner_plan.externals.push_back({"state." + one.name, one.type});
-      loop.add_input({one.name, one.type, {}, true, false});
-      plan_node.inputs.push_back(std::move(start.sources));
-      states.push_back(std::move(one));
-    }
-    compile_scope(inner);
-    for (const auto& [name, compiled] : inner.compiled) good &= !compiled.failed;
-    good &= find_next(scope, inner, *next, states, plan_node);
-    std::vector<std::pair<int, Source>> captures;
-    for (const auto& [source, external] : inner.captured) captures.push_back({external, {source.first, source.second}});
-    std::sort(captures.begin(), captures.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-    for (const auto& [external, source] : captures) {
-      loop.add_input({inner_plan.externals[static_cast<size_t>(external)].name, inner_plan.externals[static_cast<size_t>(external)].type, {}, true, false});
-      plan_node.inputs.push_back({source});
-    }
-    for (const PlanNode& node : inner_plan.nodes)
-      if (node.node->has_effect()) fail(node.where, "a node that writes files cannot stand in a loop", "put it after the loop");
-    loop.set_body(std::move(inner_plan), std::move(states));
-    return good;
-  }
-
-  bool find_next(Scope& scope, Scope& inner, const Literal& next, std::vector<Iterate::State>& states, const PlanNode& plan_node) {
-    bool good = true;
-    std::set<std::string> given;
-    std::vector<std::string> names;
-    for (const Iterate::State& state : states) names.push_back(state.name);
-    for (const auto& [name_literal, value] : *next.as_map()) {
-      const std::string name = name_literal.as_string() ? *name_literal.as_string() : name_literal.text();
-      const auto state = std::find_if(states.begin(), states.end(), [&](const Iterate::State& one) { return one.name == name; });
-      if (state == states.end()) {
-        fail(where_of(scope, name_literal, plan_node.name, "next"), "the loop has no state '" + name + "'", did_you_mean(name, names));
-        good = false;
-        continue;
-      }
-      given.insert(name);
-      Reference reference = connect(inner, value, {name, state->type, {}, true, false}, plan_node.name);
-      good &= !reference.failed;
-      if (reference.sources.empty()) {
-        if (!reference.failed) fail(where_of(scope, value, plan_node.name, "next"), "state '" + name + "' needs a value for the next round");
-        good = false;
-        continue;
-      }
-      state->next = reference.sources[0];
-      if (!state->type) state->type = inner.plan->type_of(state->next);
-    }
-    for (const std::string& name : names)
-      if (!given.count(name)) {
-        fail(where_of(scope, next, plan_node.name, "next"), "state '" + name + "' has no value for the next round", "add " + name + ": NODE to `next`");
-        good = false;
-      }
-    return good;
-  }
-
-  void expand_group(Scope& scope, const NodeSpec& spec, const NodeType& type, const Literal::Map& arguments, const Where& where, Compiled& compiled) {
-    compiled.is_group = true;
-    GraphSpec loaded;
-    if (scope.group_depth >= kDeepestGroups) return fail(where, "groups are nested more than " + std::to_string(kDeepestGroups) + " deep", "does a group use itself?");
-    try {
-      if (type.group) {
-        loaded = type.group();
-      } else {
-        const auto path = std::find_if(arguments.begin(), arguments.end(), [](const auto& a) { return a.first.as_string() && *a.first.as_string() == "path"; });
-        if (path == arguments.end() || !path->second.as_string()) return fail(where, "a group needs `path:`, the graph file it stands for");
-        if (!options_.load_group) return fail(where, "groups cannot be loaded here", "set CompileOptions::load_group");
-        loaded = options_.load_group(*path->second.as_string());
-      }
-    } catch (const GraphErrors& errors) {
-      for (const Error& error : errors.errors()) errors_.push_back(error.at(where));
-      return;
-    } catch (const Error& error) {
-      errors_.push_back(error.at(where));
-      return;
-    }
-    const GraphSpec& group = groups_.emplace_back(std::move(loaded));
-    Scope& inner = scopes_.emplace_back();
-    inner.specs = &group.nodes;
-    inner.file = group.file;
-    inner.prefix = scope.prefix + spec.name + ".";
-    inner.plan = scope.plan;
-    inner.has_inputs = true;
-    inner.has_states = false;
-    inner.group_depth = scope.group_depth + 1;
-    for (const GroupParameterSpec& parameter : group.parameters) {
-      inner.parameters[parameter.name] = parameter.value;
-      known_params_.insert(inner.prefix + parameter.name);
-    }
-    bind_group(scope, spec, group, arguments, where, inner, type.group ? "" : "path");
-    const size_t errors_before = errors_.size();
-    compile_scope(inner);
-    compiled.failed |= errors_.size() > errors_before;
-    for (const auto& [name, reference] : group.outputs) {
-      Reference found = connect(inner, reference, {name, nullptr, {}, true, true}, inner.prefix + "outputs");
-      compiled.failed |= found.failed;
-      compiled.group_outputs.emplace_back(name, std::move(found.sources));
-    }
-  }
-
-  void bind_group(Scope& scope, const NodeSpec& spec, const GraphSpec& group, const Literal::Map& arguments, const Where& where, Scope& inner,
-                  const std::string& own_parameter) {
-    const std::string full = scope.prefix + spec.name;
-    std::vector<std::string> known;
-    for (const GroupInputSpec& input : group.inputs) {
-      inner.inputs[input.name] = {};
-      known.push_back(input.name);
-    }
-    for (const GroupParameterSpec& parameter : group.parameters) known.push_back(parameter.name);
-    std::set<std::string> given;
-    for (const auto& [name_literal, value] : arguments) {
-      const std::string name = name_literal.as_string() ? *name_literal.as_string() : name_literal.text();
-      if (name == own_parameter) continue;
-      given.insert(name);
-      const auto input = std::find_if(group.inputs.begin(), group.inputs.end(), [&](const GroupInputSpec& one) { return one.name == name; });
-      if (input != group.inputs.end()) {
-        bind_input(scope, *input, value, full, inner);
-      } else if (inner.parameters.count(name)) {
-        inner.parameters[name] = value;
-      } else {
-        const std::string hint = did_you_mean(name, known);
-        fail(where_of(scope, name_literal, full, name), "the node has no such input or parameter", hint.empty() ? listed(known) : hint);
-      }
-    }
-    for (const GroupInputSpec& input : group.inputs)
-      if (!input.optional && !given.count(input.name)) {
-        Where at = where;
-        at.member = input.name;
-        fail(at, "this input must be connected", "it takes a " + input.type);
-        inner.failed_inputs.insert(input.name);
-      }
-  }
-
-  void bind_input(Scope& scope, const GroupInputSpec& input, const Literal& value, const std::string& full, Scope& inner) {
-    Reference reference = connect(scope, value, {input.name, nullptr, {}, input.optional, input.many}, full);
-    for (const Source source : reference.sources) {
-      const PortType* is = scope.plan->type_of(source);
-      if (is && is->name != input.type) {
-        fail(where_of(scope, value, full, input.name), "expected a " + input.type + ", found a " + is->name);
-        reference.failed = true;
-      }
-    }
-    if (reference.sources.empty() && !reference.failed && !input.optional) {
-      fail(where_of(scope, value, full, input.name), "this input must be connected", "it takes a " + input.type);
-      reference.failed = true;
-    }
-    if (reference.failed) inner.failed_inputs.insert(input.name);
-    inner.inputs[input.name] = std::move(reference.sources);
-  }
-
-  static void name_outputs(Plan& plan, const Scope& top) {
-    for (size_t i = 0; i < plan.nodes.size(); ++i) {
-      const auto& outputs = plan.nodes[i].node->outputs();
-      for (size_t k = outputs.size(); k-- > 0;) {
-        plan.names[plan.nodes[i].name + "." + outputs[k].name] = {static_cast<int>(i), static_cast<int>(k)};
-        plan.names[plan.nodes[i].name] = {static_cast<int>(i), static_cast<int>(k)};
-      }
-    }
-    for (const auto& [name, compiled] : top.compiled) {
-      for (size_t k = compiled.group_outputs.size(); k-- > 0;) {
-        if (compiled.group_outputs[k].second.empty()) continue;
-        plan.names[name + "." + compiled.group_outputs[k].first] = compiled.group_outputs[k].second[0];
-        plan.names[name] = compiled.group_outputs[k].second[0];
-      }
-    }
-  }
-
-  static void mark_frames(Plan& plan) {
-    for (PlanNode& node : plan.nodes) {
-      node.frame_dependent = node.node->depends_on_frame();
-      for (const auto& sources : node.inputs)
-        for (const Source source : sources) node.frame_dependent |= plan.nodes[static_cast<size_t>(source.node)].frame_dependent;
-    }
-  }
-
-  const CompileOptions& options_;
-  const Registry& registry_;
-  std::deque<Scope> scopes_;
-  std::deque<std::vector<NodeSpec>> bodies_;
-  std::deque<GraphSpec> groups_;
-  std::vector<std::string> stack_;
-  std::vector<Error> errors_;
-  std::set<size_t> used_overrides_;
-  std::set<std::string> known_params_;
-};
+}
 
 }  // namespace
+
+std::shared_ptr<const Plan> Compiler::run(const GraphSpec& spec) {
+  auto plan = std::make_shared<Plan>();
+  plan->file = spec.file;
+  plan->frames = spec.frames;
+  Scope scope;
+  scope.specs = &spec.nodes;
+  scope.file = spec.file;
+  scope.plan = plan.get();
+  if (!spec.inputs.empty()) scope.inputs.emplace();
+  for (const GroupInputSpec& input : spec.inputs) {
+    scope.inputs->insert_or_assign(input.name, Reference{{}, !input.optional});
+    if (!input.optional)
+      fail({spec.file, 0, 0, {}, input.name}, "this graph is made to be used as a group: its input '" + input.name + "' has no value here",
+           "use it in another graph by {type: group, path: ...}");
+  }
+  for (const GroupParameterSpec& parameter : spec.parameters) scope.parameters[parameter.name] = parameter.value;
+  compile_scope(scope);
+  for (const auto& [name, reference] : spec.outputs) {
+    const Reference found = connect(scope, reference, {name, nullptr, true}, "outputs");
+    if (!found.sources.empty()) plan->names.try_emplace(name, found.sources[0]);
+  }
+  report_unused_overrides(*plan);
+  if (!errors_.empty()) {
+    std::stable_sort(errors_.begin(), errors_.end(), [](const Error& a, const Error& b) {
+      return std::tie(a.where().file, a.where().line, a.where().column) < std::tie(b.where().file, b.where().line, b.where().column);
+    });
+    throw GraphErrors(std::move(errors_));
+  }
+  name_outputs(*plan, scope);
+  mark_frames(*plan);
+  return plan;
+}
+
+void Compiler::compile_scope(Scope& scope) {
+  scope.compiled.resize(scope.specs->size());
+  check_names(scope);
+  for (size_t i = 0; i < scope.specs->size(); ++i) compile_node(scope, i);
+}
+
+void Compiler::check_names(Scope& scope) {
+  for (size_t i = 0; i < scope.specs->size(); ++i) {
+    const NodeSpec& spec = (*scope.specs)[i];
+    if (!is_name(spec.name))
+      fail(where_of(scope, spec), "'" + spec.name + "' is no name for a node", "letters, digits and _ only, and no digit first");
+    else if (spec.name == "state" || spec.name == "inputs" || spec.name == "none")
+      fail(where_of(scope, spec), "'" + spec.name + "' has a meaning of its own and cannot name a node");
+    else if (!scope.by_name.emplace(spec.name, i).second)
+      fail(where_of(scope, spec), "node '" + spec.name + "' is there twice", "give one of them another name");
+  }
+}
+
+CompiledNode& Compiler::compile_node(Scope& scope, size_t i) {
+  CompiledNode& compiled = scope.compiled[i];
+  const NodeSpec& spec = (*scope.specs)[i];
+  const std::string full = scope.prefix + spec.name;
+  if (compiled.state == CompiledNode::kDone) return compiled;
+  if (compiled.state == CompiledNode::kUnderWay) {
+    if (!compiled.failed) {
+      std::string path;
+      for (auto it = std::find(stack_.begin(), stack_.end(), full); it != stack_.end(); ++it) path += *it + " -> ";
+      fail(where_of(scope, spec), "a cycle: " + path + full, "a loop is written as a node of type iterate");
+    }
+    compiled.failed = true;
+    return compiled;
+  }
+  if (stack_.size() >= kDeepestChain) {
+    if (stack_.size() == kDeepestChain)
+      fail(where_of(scope, spec), "more than " + std::to_string(kDeepestChain) + " nodes wait for each other here", "write nodes after those they use");
+    compiled.failed = true;
+    return compiled;
+  }
+  compiled.state = CompiledNode::kUnderWay;
+  stack_.push_back(full);
+  const size_t errors_before = errors_.size();
+  compile_arguments(scope, spec, compiled);
+  compiled.failed |= errors_.size() > errors_before;
+  stack_.pop_back();
+  compiled.state = CompiledNode::kDone;
+  return compiled;
+}
+
+void Compiler::compile_arguments(Scope& scope, const NodeSpec& spec, CompiledNode& compiled) {
+  const Where where = where_of(scope, spec);
+  const NodeType* type = registry_.find(spec.type);
+  if (!type) {
+    if (spec.type.empty())
+      fail(where, "the node has no type", "add type: ...; `knead nodes` lists the types");
+    else
+      fail(where, "unknown node type '" + spec.type + "'", did_you_mean(spec.type, registry_.names()));
+    opaque_.push_back(where.node + ".");
+    return;
+  }
+  if (spec.type == "group" || type->group) {
+    const auto takes = [](const std::string&) { return true; };  // checked when it is expanded
+    return expand_group(scope, spec, *type, arguments_of(scope, spec, takes), compiled);
+  }
+  PlanNode plan_node;
+  plan_node.name = where.node;
+  plan_node.type = type;
+  plan_node.node = type->make();
+  plan_node.where = where;
+  const auto takes = [&](const std::string& member) {
+    const auto& params = plan_node.node->params();
+    const auto& inputs = plan_node.node->inputs();
+    return std::any_of(params.begin(), params.end(), [&](const ParamBase* p) { return p->name() == member; }) ||
+           std::any_of(inputs.begin(), inputs.end(), [&](const InputDeclaration& d) { return d.name == member; });
+  };
+  const std::vector<Argument> arguments = arguments_of(scope, spec, takes);
+  const auto* loop = dynamic_cast<const Iterate*>(plan_node.node.get());
+  if (loop)
+    compiled.failed |= !compile_loop(scope, arguments, plan_node);
+  else
+    assign(scope, arguments, plan_node, compiled);
+  Hasher hasher;
+  hasher.add(type->name).add(type->version);
+  for (const ParamBase* param : plan_node.node->params()) param->hash(hasher);
+  if (loop) loop->hash_body(hasher);
+  plan_node.static_key = hasher.key();
+  compiled.node = static_cast<int>(scope.plan->nodes.size());
+  scope.plan->nodes.push_back(std::move(plan_node));
+}
+
+template <class Takes>
+std::vector<Argument> Compiler::arguments_of(Scope& scope, const NodeSpec& spec, const Takes& takes) {
+  std::vector<Argument> arguments;
+  const std::string full = scope.prefix + spec.name + ".";
+  for (const auto& [key, value] : spec.arguments) {
+    const std::string name = key.as_string() ? *key.as_string() : key.text();
+    const bool body = name == "body" && value.as_map();  // of a loop: its nodes do it themselves
+    arguments.push_back({name, &key, body ? &value : substituted(scope, value, scope.prefix + spec.name)});
+  }
+  for (size_t i = 0; i < options_.overrides.size(); ++i) {
+    const auto& [path, value] = options_.overrides[i];
+    if (path.compare(0, full.size(), full) != 0 || path.find('.', full.size()) != std::string::npos) continue;
+    const std::string member = path.substr(full.size());
+    auto found = std::find_if(arguments.begin(), arguments.end(), [&](const Argument& a) { return a.name == member; });
+    if (found == arguments.end() && !takes(member)) continue;  // reported as unused, with the nearest parameter
+    Literal& replaced = substituted_.emplace_back(value);
+    replaced.line = kFromCommandLine;
+    if (found == arguments.end())
+      arguments.push_back({member, &replaced, &replaced});
+    else
+      found->value = &replaced;
+    used_overrides_.insert(i);
+  }
+  return arguments;
+}
+
+const Literal* Compiler::substituted(Scope& scope, const Literal& value, const std::string& node) {
+  const auto has_parameter = [](const auto& self, const Literal& literal) -> bool {
+    if (const std::string* text = literal.as_string()) return text->size() > 1 && (*text)[0] == '$';
+    if (const auto* list = literal.as_list()) return std::any_of(list->begin(), list->end(), [&](const Literal& item) { return self(self, item); });
+    if (const auto* map = literal.as_map()) return std::any_of(map->begin(), map->end(), [&](const auto& item) { return self(self, item.second); });
+    return false;
+  };
+  if (!has_parameter(has_parameter, value)) return &value;
+  Literal& copy = substituted_.emplace_back(value);
+  const size_t errors_before = errors_.size();
+  substitute(scope, copy, node);
+  return errors_.size() > errors_before ? nullptr : &copy;
+}
+
+void Compiler::substitute(Scope& scope, Literal& value, const std::string& node) {
+  if (const std::string* text = value.as_string(); text && text->size() > 1 && (*text)[0] == '$') {
+    const std::string name = text->substr(1);
+    const auto found = scope.parameters.find(name);
+    if (found == scope.parameters.end()) {
+      std::vector<std::string> known;
+      for (const auto& [parameter, literal] : scope.parameters) known.push_back(parameter);
+      fail(where_of(scope, value, node), "the graph has no parameter '" + name + "'", did_you_mean(name, known, "it has "));
+      return;
+    }
+    value.value = found->second.value;
+  } else if (auto* list = std::get_if<Literal::List>(&value.value)) {
+    for (Literal& item : *list) substitute(scope, item, node);
+  } else if (auto* map = value.as_map()) {
+    for (auto& [key, item] : *map) substitute(scope, item, node);
+  }
+}
+
+void Compiler::assign(Scope& scope, const std::vector<Argument>& arguments, PlanNode& plan_node, CompiledNode& compiled) {
+  Node& node = *plan_node.node;
+  const auto& inputs = node.inputs();
+  plan_node.inputs.resize(inputs.size());
+  std::vector<bool> given(inputs.size());
+  bool params_good = true;
+  for (const Argument& argument : arguments) {
+    const auto input = std::find_if(inputs.begin(), inputs.end(), [&](const auto& declaration) { return declaration.name == argument.name; });
+    if (input == inputs.end()) {
+      params_good &= argument.value && set_param(scope, node, plan_node.name, argument);
+      continue;
+    }
+    const auto port = static_cast<size_t>(input - inputs.begin());
+    given[port] = true;
+    if (!argument.value) continue;
+    Reference reference = connect(scope, *argument.value, {input->name, input->type ? input->type->name : nullptr, input->many}, plan_node.name);
+    compiled.failed |= reference.failed;
+    if (reference.sources.empty() && !reference.failed && !input->optional)
+      fail(where_of(scope, *argument.value, plan_node.name, input->name), "this input must be connected", std::string("it takes a ") + input->type->name);
+    plan_node.inputs[port] = std::move(reference.sources);
+  }
+  for (size_t port = 0; port < inputs.size(); ++port)
+    if (!inputs[port].optional && !given[port]) {
+      Where where = plan_node.where;
+      where.member = inputs[port].name;
+      fail(where, "this input must be connected", std::string("it takes a ") + inputs[port].type->name);
+    }
+  if (!params_good) return;
+  try {
+    node.configure();
+  } catch (...) {
+    take_errors(plan_node.where);
+  }
+}
+
+bool Compiler::set_param(Scope& scope, Node& node, const std::string& full, const Argument& argument) {
+  for (ParamBase* param : node.params()) {
+    if (param->name() != argument.name) continue;
+    const std::string wrong = param->assign(*argument.value);
+    if (!wrong.empty()) fail(where_of(scope, *argument.value, full, argument.name), wrong);
+    return wrong.empty();
+  }
+  std::vector<std::string> known;
+  for (const InputDeclaration& input : node.inputs()) known.push_back(input.name);
+  for (const ParamBase* param : node.params()) known.push_back(param->name());
+  if (dynamic_cast<Iterate*>(&node)) known.insert(known.end(), {"state", "body", "next"});
+  fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter", did_you_mean(argument.name, known, "it takes "));
+  return false;
+}
+
+void Compiler::report_unused_overrides(const Plan& plan) {
+  std::vector<std::string> known;
+  for (size_t i = 0; i < options_.overrides.size(); ++i) {
+    const std::string& path = options_.overrides[i].first;
+    const bool unknown_inside = std::any_of(opaque_.begin(), opaque_.end(), [&](const std::string& prefix) { return path.compare(0, prefix.size(), prefix) == 0; });
+    if (used_overrides_.count(i) || unknown_inside) continue;
+    if (known.empty()) {
+      known = group_parameters_;
+      add_parameters(plan, known);
+    }
+    fail({"--set", 0, 0, {}, path}, "no node has this parameter", did_you_mean(path, known));
+  }
+}
+
+Where Compiler::where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member) {
+  if (at.line == kFromCommandLine) return {"--set", 0, 0, node, member};
+  return {scope.file, at.line, at.column, node, member};
+}
+
+void Compiler::take_errors(const Where& where) {
+  try {
+    throw;
+  } catch (const GraphErrors& errors) {
+    for (const Error& error : errors.errors()) errors_.push_back(error.at(where));
+  } catch (...) {
+    errors_.push_back(error_in_flight(where));
+  }
+}
+
+std::string Compiler::did_you_mean(const std::string& wrong, const std::vector<std::string>& known, const char* otherwise) {
+  const std::string near = nearest_name(wrong, known);
+  if (!near.empty()) return "did you mean '" + near + "'?";
+  std::string all;
+  if (otherwise)
+    for (const std::string& one : known) all.append(all.empty() ? otherwise : ", ").append(one);
+  return all;
+}
 
 std::shared_ptr<const Plan> compile(const GraphSpec& spec, const CompileOptions& options) { return Compiler(options).run(spec); }
 

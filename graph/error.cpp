@@ -1,6 +1,7 @@
 #include "graph/error.h"
 
 #include <algorithm>
+#include <new>
 #include <numeric>
 #include <utility>
 
@@ -61,6 +62,20 @@ static std::string all_lines(const std::vector<Error>& errors) {
 }
 
 GraphErrors::GraphErrors(std::vector<Error> errors) : Error(ErrorCode::kGraph, all_lines(errors)), errors_(std::move(errors)) {}
+
+Error error_in_flight(const Where& where) {
+  try {
+    throw;
+  } catch (const Error& error) {
+    return error.at(where);
+  } catch (const std::bad_alloc&) {
+    return Error(ErrorCode::kMemory, where, "out of memory");
+  } catch (const std::exception& error) {
+    return Error(ErrorCode::kInternal, where, error.what());
+  } catch (...) {
+    return Error(ErrorCode::kInternal, where, "an exception of an unknown type");
+  }
+}
 
 static size_t edit_distance(const std::string& a, const std::string& b) {
   std::vector<size_t> row(b.size() + 1);

@@ -49,6 +49,9 @@ class GraphErrors : public Error {
   std::vector<Error> errors_;
 };
 
+// The exception being handled, as an Error of this place. Call it in a catch block.
+Error error_in_flight(const Where& where = {});
+
 // The candidate nearest to `wrong` by edit distance, or "" when nothing is near enough to be a likely slip.
 std::string nearest_name(const std::string& wrong, const std::vector<std::string>& candidates);
 

@@ -16,65 +16,23 @@ double seconds_since(std::chrono::steady_clock::time_point start) { return std::
 
 // What the nodes of one frame share while they run, perhaps at once.
 struct FrameState {
+  FrameState(int f, const Plan& plan) : FrameState(f, plan, plan.nodes.size()) {}
+  FrameState(int f, const Plan& plan, size_t n) : frame(f), round(plan), keys(n), times(n), errors(n), failed(n) {}
+
+  void keep(const std::vector<std::string>& more) {
+    if (more.empty()) return;
+    std::lock_guard lock(mutex);
+    warnings.insert(warnings.end(), more.begin(), more.end());
+  }
+
   int frame;
-  const EvaluatorOptions& options;
-  Cache& cache;
+  Round round;
+  std::vector<Key> keys;                      // per plan node, as the rest
+  std::vector<std::vector<NodeTime>> times;   // the node itself, then its parts
+  std::vector<std::optional<Error>> errors;
+  std::vector<char> failed;                   // it, or something that it needs
   std::mutex mutex;
   std::vector<std::string> warnings;
-  std::vector<std::vector<NodeTime>> times;  // per plan node: itself, then its parts
-};
-
-class FrameContext final : public RoundContext {
- public:
-  FrameContext(Round& round, int node, FrameState& state, Executor& executor) : RoundContext(round, node), state_(state), executor_(executor) {}
-
-  int frame() const override {
-    if (state_.options.checked && !plan_node().node->depends_on_frame())
-      throw Error(ErrorCode::kInternal, "node type '" + plan_node().type->name + "' reads the frame without saying so", "override depends_on_frame()");
-    return state_.frame;
-  }
-  Executor& executor() const override { return executor_; }
-  bool cancelled() const override { return state_.options.cancelled && state_.options.cancelled(); }
-  void warn(const std::string& message) override {
-    std::lock_guard lock(state_.mutex);
-    const std::string line = "node '" + plan_node().name + "': " + message;
-    if (std::find(warnings.begin(), warnings.end(), line) == warnings.end()) warnings.push_back(line);
-  }
-  Value once(const Key& key, FunctionRef<Value()> make) override {
-    return state_.cache.once(Hasher().add("once").add(plan_node().type->name).add(plan_node().type->version).add(key).key(), make);
-  }
-  void add_time(const std::string& part, double seconds) override { parts.push_back({part, seconds, false}); }
-
-  const Value& input(int port, size_t i) const override { return moved_.empty() ? RoundContext::input(port, i) : moved_[static_cast<size_t>(port)][i]; }
-
-  // Copies of the inputs whose buffers are on another device than the node's. The only place where data moves.
-  void bring_inputs(Executor& device, std::atomic<uint64_t>& transfers, std::atomic<uint64_t>& bytes) {
-    const Device here = executor_.device();
-    bool all_here = true;
-    for (const auto& port : plan_node().inputs)
-      for (const Source source : port) all_here = all_here && (!round_.at(source) || round_.at(source).type()->on_device(round_.at(source), here));
-    if (all_here) return;
-    moved_.resize(plan_node().inputs.size());
-    for (size_t port = 0; port < moved_.size(); ++port)
-      for (const Source source : plan_node().inputs[port]) {
-        Value value = round_.at(source);
-        if (!value) continue;
-        if (!value.type()->on_device(value, here)) {
-          bytes += value.type()->bytes(value);
-          ++transfers;
-          value = here == Device{} ? value.type()->to_host(value, device) : value.type()->moved(value, device);
-        }
-        moved_[port].push_back(std::move(value));
-      }
-  }
-
-  std::vector<std::string> warnings;
-  std::vector<NodeTime> parts;
-
- private:
-  FrameState& state_;
-  Executor& executor_;
-  std::vector<std::vector<Value>> moved_;
 };
 
 }  // namespace
@@ -87,148 +45,236 @@ struct Evaluator::Impl {
   Executor* host = nullptr;
   std::shared_ptr<Cache> cache;
   std::vector<std::atomic<uint64_t>> evaluations;
+  std::vector<std::atomic<double>> seconds;
   std::atomic<uint64_t> transfers{0}, transferred_bytes{0};
 
+  const PlanNode& node_at(int i) const { return plan->nodes[static_cast<size_t>(i)]; }
   Executor& executor_of(const PlanNode& node) const { return node.node->runs() == Runs::kHost ? *host : *device; }
+  bool cancelled() const { return options.cancelled && options.cancelled(); }
 
-  std::vector<Source> targets_of(const std::vector<std::string>& outputs, bool effects) const {
-    std::vector<Source> targets;
-    for (const std::string& output : outputs) targets.push_back(plan->find(output));
-    if (effects)
-      for (const int sink : plan->sinks()) targets.push_back({sink, 0});
-    return targets;
-  }
-
-  std::vector<bool> reached_from(const std::vector<Source>& targets) const {
-    std::vector<bool> reached(plan->nodes.size());
-    for (const Source target : targets) reached[static_cast<size_t>(target.node)] = true;
-    for (size_t i = plan->nodes.size(); i-- > 0;)
-      if (reached[i])
-        for (const auto& port : plan->nodes[i].inputs)
-          for (const Source source : port) reached[static_cast<size_t>(source.node)] = true;
-    return reached;
-  }
-
-  // Keys of the nodes reached, in plan order. Throws when a node cannot say what it depends on (a missing file).
-  void keys_of(int frame, const std::vector<bool>& reached, std::vector<Key>& keys) const {
-    keys.resize(plan->nodes.size());
-    for (size_t i = 0; i < plan->nodes.size(); ++i) {
-      if (!reached[i]) continue;
-      const PlanNode& node = plan->nodes[i];
-      Hasher hasher;
-      hasher.add(node.static_key).add(executor_of(node).device().kind);
-      if (node.node->depends_on_frame()) hasher.add(frame);
-      try {
-        node.node->add_to_key(hasher, frame);
-      } catch (const Error& error) {
-        throw error.at(node.where);
-      }
-      for (const auto& port : node.inputs) {
-        hasher.add(port.size());
-        for (const Source source : port) hasher.add(keys[static_cast<size_t>(source.node)]).add(source.output);
-      }
-      keys[i] = hasher.key();
-    }
-  }
-
-  void run_node(int i, const Key& key, Round& round, FrameState& state) {
-    const PlanNode& node = plan->nodes[static_cast<size_t>(i)];
-    const auto start = std::chrono::steady_clock::now();
-    FrameContext context(round, i, state, executor_of(node));
-    try {
-      context.check_cancelled();
-      context.bring_inputs(*device, transfers, transferred_bytes);
-      ++evaluations[static_cast<size_t>(i)];
-      node.node->evaluate(context);
-      for (size_t k = 0; k < node.node->outputs().size(); ++k)
-        if (!round.values[static_cast<size_t>(i)][k])
-          throw Error(ErrorCode::kInternal, "node type '" + node.type->name + "' did not set its output '" + node.node->outputs()[k].name + "'");
-    } catch (const Error& error) {
-      throw error.at(node.where);
-    } catch (const std::bad_alloc&) {
-      throw Error(ErrorCode::kMemory, node.where, "out of memory");
-    } catch (const std::exception& error) {
-      throw Error(ErrorCode::kInternal, node.where, error.what());
-    }
-    auto& times = state.times[static_cast<size_t>(i)];
-    times.push_back({node.name, seconds_since(start), false});
-    for (NodeTime& part : context.parts) times.push_back(std::move(part));
-    if (!node.node->has_effect()) cache->store(key, {round.values[static_cast<size_t>(i)], context.warnings});
-    keep_warnings(state, context.warnings);
-  }
-
-  static void keep_warnings(FrameState& state, const std::vector<std::string>& warnings) {
-    std::lock_guard lock(state.mutex);
-    state.warnings.insert(state.warnings.end(), warnings.begin(), warnings.end());
-  }
-
-  // Fills the round for the targets: from the cache, and by running what it lacks.
-  void fill(Round& round, const std::vector<Source>& targets, FrameState& state) {
-    const size_t n = plan->nodes.size();
-    const std::vector<bool> reached = reached_from(targets);
-    std::vector<Key> keys;
-    keys_of(state.frame, reached, keys);
-    std::vector<bool> wanted(n), runs(n);
-    for (const Source target : targets) wanted[static_cast<size_t>(target.node)] = true;
-    for (size_t i = n; i-- > 0;) {
-      if (!wanted[i]) continue;
-      Cache::Result result;
-      if (!plan->nodes[i].node->has_effect() && cache->find(keys[i], result)) {
-        if (options.checked) check_cached(static_cast<int>(i), result, state);
-        round.values[i] = result.outputs;
-        state.times[i].push_back({plan->nodes[i].name, 0, true});
-        keep_warnings(state, result.warnings);
-        continue;
-      }
-      runs[i] = true;
-      for (const auto& port : plan->nodes[i].inputs)
-        for (const Source source : port) wanted[static_cast<size_t>(source.node)] = true;
-    }
-    run_wanted(round, runs, keys, state);
-  }
-
-  void run_wanted(Round& round, const std::vector<bool>& runs, const std::vector<Key>& keys, FrameState& state) {
-    std::vector<int> tasks;
-    std::vector<int> task_of(runs.size(), -1);
-    for (size_t i = 0; i < runs.size(); ++i)
-      if (runs[i]) {
-        task_of[i] = static_cast<int>(tasks.size());
-        tasks.push_back(static_cast<int>(i));
-      }
-    std::vector<std::vector<int>> successors(tasks.size());
-    std::vector<int> waits_for(tasks.size());
-    for (size_t t = 0; t < tasks.size(); ++t)
-      for (const auto& port : plan->nodes[static_cast<size_t>(tasks[t])].inputs)
-        for (const Source source : port)
-          if (const int before = task_of[static_cast<size_t>(source.node)]; before >= 0) {
-            successors[static_cast<size_t>(before)].push_back(static_cast<int>(t));
-            ++waits_for[t];
-          }
-    host->run_graph(successors, waits_for, [&](int t) {
-      const int i = tasks[static_cast<size_t>(t)];
-      run_node(i, keys[static_cast<size_t>(i)], round, state);
-    });
-  }
-
-  // Checked mode: a cached result must be what would be computed again.
-  void check_cached(int i, const Cache::Result& cached, FrameState& state) {
-    const PlanNode& node = plan->nodes[static_cast<size_t>(i)];
-    Round again(*plan);
-    std::vector<Source> inputs;
-    for (const auto& port : node.inputs) inputs.insert(inputs.end(), port.begin(), port.end());
-    fill(again, inputs, state);
-    FrameContext context(again, i, state, executor_of(node));
-    context.bring_inputs(*device, transfers, transferred_bytes);
-    node.node->evaluate(context);
-    for (size_t k = 0; k < cached.outputs.size(); ++k) {
-      const Value& was = cached.outputs[k];
-      const Value& is = again.values[static_cast<size_t>(i)][k];
-      if (was.type()->content(was) != is.type()->content(is))
-        throw Error(ErrorCode::kInternal, node.where, "output '" + node.node->outputs()[k].name + "' differs from its cached result",
-                    "the node depends on something that its key does not name, or its version was not raised");
-    }
-  }
+  std::vector<Source> targets_of(const std::vector<std::string>& outputs, bool effects) const;
+  std::vector<char> reached_from(const std::vector<Source>& targets) const;
+  void find_keys(int frame, const std::vector<char>& reached, std::vector<Key>& keys) const;
+  Value brought(const Value& value, const Key& key, Executor& to);
+  void fill(FrameState& state, const std::vector<Source>& targets);
+  void run_nodes(FrameState& state, const std::vector<int>& nodes);
+  void run_node(FrameState& state, int i);
 };
+
+namespace {
+
+class FrameContext final : public RoundContext {
+ public:
+  FrameContext(Evaluator::Impl& evaluator, FrameState& state, int node);
+
+  Executor& executor() const override { return executor_; }
+  bool checked() const override { return evaluator_.options.checked; }
+  bool cancelled() const override { return evaluator_.cancelled(); }
+  const Value& input(int port, size_t i) const override { return moved_.empty() ? RoundContext::input(port, i) : moved_[static_cast<size_t>(port)].at(i); }
+  void warn(const std::string& message) override;
+  Value once(const Key& key, FunctionRef<Value()> make) override;
+  void add_time(const std::string& part, double seconds) override;
+
+  void bring_inputs();
+  void compare(const Cache::Result& cached);
+
+  std::vector<std::string> warnings;
+  std::vector<NodeTime> parts;
+
+ protected:
+  int frame_number() const override { return state_.frame; }
+
+ private:
+  [[noreturn]] void throw_differs(const std::string& what) const {
+    throw Error(ErrorCode::kInternal, plan_node().where, what + " differs from its cached result",
+                "node type '" + plan_node().type->name + "' depends on something that its key does not name, or its version was not raised");
+  }
+
+  Evaluator::Impl& evaluator_;
+  FrameState& state_;
+  Executor& executor_;
+  std::mutex mutex_;  // a node may warn from its own parallel loops
+  std::vector<std::vector<Value>> moved_;
+};
+
+FrameContext::FrameContext(Evaluator::Impl& evaluator, FrameState& state, int node)
+    : RoundContext(state.round, node), evaluator_(evaluator), state_(state), executor_(evaluator.executor_of(plan_node())) {}
+
+void FrameContext::warn(const std::string& message) {
+  const std::string line = "node '" + plan_node().name + "': " + message;
+  std::lock_guard lock(mutex_);
+  if (std::find(warnings.begin(), warnings.end(), line) == warnings.end()) warnings.push_back(line);
+}
+
+void FrameContext::add_time(const std::string& part, double seconds) {
+  std::lock_guard lock(mutex_);
+  const auto known = std::find_if(parts.begin(), parts.end(), [&](const NodeTime& time) { return time.name == part; });
+  if (known == parts.end())
+    parts.push_back({part, seconds, false});
+  else
+    known->seconds += seconds;
+}
+
+Value FrameContext::once(const Key& key, FunctionRef<Value()> make) {
+  const Device device = executor_.device();
+  Hasher hasher;
+  hasher.add("once").add(plan_node().type->name).add(plan_node().type->version).add(device.kind).add(device.index).add(key);
+  const Value value = evaluator_.cache->once(hasher.key(), make);
+  if (checked() && value.type()->content(value) != value.type()->content(make())) throw_differs("a shared part");
+  return value;
+}
+
+// Replaces the inputs whose buffers are on another device than the node's by copies.
+void FrameContext::bring_inputs() {
+  const auto& ports = plan_node().inputs;
+  const auto here = [&](const Value& value) { return !value || value.type()->on_device(value, executor_.device()); };
+  const bool all_here = std::all_of(ports.begin(), ports.end(), [&](const std::vector<Source>& sources) {
+    return std::all_of(sources.begin(), sources.end(), [&](Source source) { return here(round_.at(source)); });
+  });
+  if (all_here) return;
+  moved_.resize(ports.size());
+  for (size_t port = 0; port < ports.size(); ++port)
+    for (const Source source : ports[port]) {
+      const Key key = Hasher().add(state_.keys[static_cast<size_t>(source.node)]).add(source.output).key();
+      if (const Value& value = round_.at(source)) moved_[port].push_back(evaluator_.brought(value, key, executor_));
+    }
+}
+
+void FrameContext::compare(const Cache::Result& cached) {
+  for (size_t k = 0; k < cached.outputs.size(); ++k) {
+    const Value &was = cached.outputs[k], &is = outputs()[k];
+    if (was.type()->content(was) != is.type()->content(is)) throw_differs("output '" + plan_node().node->outputs()[k].name + "'");
+  }
+}
+
+}  // namespace
+
+std::vector<Source> Evaluator::Impl::targets_of(const std::vector<std::string>& outputs, bool effects) const {
+  std::vector<Source> targets;
+  for (const std::string& output : outputs) targets.push_back(plan->find(output));
+  if (effects)
+    for (const int sink : plan->sinks()) targets.push_back({sink, 0});
+  return targets;
+}
+
+std::vector<char> Evaluator::Impl::reached_from(const std::vector<Source>& targets) const {
+  std::vector<char> reached(plan->nodes.size());
+  for (const Source target : targets) reached[static_cast<size_t>(target.node)] = true;
+  for (size_t i = plan->nodes.size(); i-- > 0;)
+    if (reached[i])
+      for (const auto& port : plan->nodes[i].inputs)
+        for (const Source source : port) reached[static_cast<size_t>(source.node)] = true;
+  return reached;
+}
+
+// Keys of the nodes reached. Throws when a node cannot say what it depends on (a missing file).
+void Evaluator::Impl::find_keys(int frame, const std::vector<char>& reached, std::vector<Key>& keys) const {
+  for (size_t i = 0; i < plan->nodes.size(); ++i) {
+    if (!reached[i]) continue;
+    const PlanNode& node = plan->nodes[i];
+    const Device device = executor_of(node).device();
+    Hasher hasher;
+    hasher.add(node.static_key).add(device.kind).add(device.index);
+    if (node.node->depends_on_frame()) hasher.add(frame);
+    try {
+      node.node->add_to_key(hasher, frame);
+    } catch (...) {
+      throw error_in_flight(node.where);
+    }
+    for (const auto& port : node.inputs) {
+      hasher.add(port.size());
+      for (const Source source : port) hasher.add(keys[static_cast<size_t>(source.node)]).add(source.output);
+    }
+    keys[i] = hasher.key();
+  }
+}
+
+// The value, with its buffers where `to` can read them. The only place where data moves. `key` is the value's own: the cache keeps the copy under it, so that
+// all readers in all frames share one.
+Value Evaluator::Impl::brought(const Value& value, const Key& key, Executor& to) {
+  const Device there = to.device();
+  if (value.type()->on_device(value, there)) return value;
+  return cache->once(Hasher().add("copy").add(there.kind).add(there.index).add(key).key(), [&] {
+    ++transfers;
+    transferred_bytes += value.type()->bytes(value);
+    Value copy = there == Device{} ? value.type()->to_host(value, *device) : value.type()->moved(value, to);
+    device->synchronise();
+    return copy;
+  });
+}
+
+// Fills the round for the targets: from the cache, and by running what it lacks. Checked mode runs everything, to compare.
+void Evaluator::Impl::fill(FrameState& state, const std::vector<Source>& targets) {
+  find_keys(state.frame, reached_from(targets), state.keys);
+  std::vector<char> wanted(plan->nodes.size());
+  for (const Source target : targets) wanted[static_cast<size_t>(target.node)] = true;
+  std::vector<int> lacking;
+  for (size_t i = wanted.size(); i-- > 0;) {
+    if (!wanted[i]) continue;
+    const PlanNode& node = plan->nodes[i];
+    Cache::Result result;
+    if (!options.checked && !node.node->has_effect() && cache->find(state.keys[i], result)) {
+      state.round.values[i] = std::move(result.outputs);
+      state.times[i].push_back({node.name, 0, true});
+      state.keep(result.warnings);
+      continue;
+    }
+    lacking.push_back(static_cast<int>(i));
+    for (const auto& port : node.inputs)
+      for (const Source source : port) wanted[static_cast<size_t>(source.node)] = true;
+  }
+  std::reverse(lacking.begin(), lacking.end());
+  run_nodes(state, lacking);
+}
+
+// Independent nodes at once. A node that fails stops only what needs it; then the first error in plan order is thrown, the same for any number of threads.
+void Evaluator::Impl::run_nodes(FrameState& state, const std::vector<int>& nodes) {
+  if (nodes.empty()) return;
+  std::vector<int> task_of(plan->nodes.size(), -1);
+  for (size_t t = 0; t < nodes.size(); ++t) task_of[static_cast<size_t>(nodes[t])] = static_cast<int>(t);
+  std::vector<std::vector<int>> successors(nodes.size());
+  std::vector<int> waits_for(nodes.size());
+  for (size_t t = 0; t < nodes.size(); ++t)
+    for (const auto& port : node_at(nodes[t]).inputs)
+      for (const Source source : port)
+        if (const int before = task_of[static_cast<size_t>(source.node)]; before >= 0) {
+          successors[static_cast<size_t>(before)].push_back(static_cast<int>(t));
+          ++waits_for[t];
+        }
+  host->run_graph(successors, waits_for, [&](int t) { run_node(state, nodes[static_cast<size_t>(t)]); });
+  const std::optional<Error>* first = nullptr;
+  for (const std::optional<Error>& error : state.errors) {
+    if (error && error->code() == ErrorCode::kCancelled) throw *error;
+    if (error && !first) first = &error;
+  }
+  if (first) throw **first;
+}
+
+void Evaluator::Impl::run_node(FrameState& state, int i) {
+  const PlanNode& node = node_at(i);
+  const auto index = static_cast<size_t>(i);
+  for (const auto& port : node.inputs)
+    for (const Source source : port) state.failed[index] |= state.failed[static_cast<size_t>(source.node)];
+  if (state.failed[index]) return;
+  try {
+    const auto start = std::chrono::steady_clock::now();
+    FrameContext context(*this, state, i);
+    context.check_cancelled();
+    context.bring_inputs();
+    ++evaluations[index];
+    context.evaluate();
+    state.times[index].push_back({node.name, seconds_since(start), false});
+    seconds[index] += state.times[index].back().seconds;
+    for (NodeTime& part : context.parts) state.times[index].push_back(std::move(part));
+    state.keep(context.warnings);
+    if (node.node->has_effect()) return;
+    if (Cache::Result cached; options.checked && cache->find(state.keys[index], cached)) context.compare(cached);
+    cache->store(state.keys[index], {context.outputs(), std::move(context.warnings)});
+  } catch (...) {
+    state.failed[index] = true;
+    state.errors[index] = error_in_flight(node.where);
+  }
+}
 
 Evaluator::Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options) : impl_(std::make_unique<Impl>()) {
   impl_->plan = std::move(plan);
@@ -239,6 +285,7 @@ Evaluator::Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options)
   impl_->host = options.host_executor ? options.host_executor : impl_->own_host ? impl_->own_host.get() : impl_->device;
   impl_->cache = options.cache ? options.cache : std::make_shared<Cache>();
   impl_->evaluations = std::vector<std::atomic<uint64_t>>(impl_->plan->nodes.size());
+  impl_->seconds = std::vector<std::atomic<double>>(impl_->plan->nodes.size());
 }
 Evaluator::~Evaluator() = default;
 
@@ -250,19 +297,16 @@ FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outpu
   const auto start = std::chrono::steady_clock::now();
   FrameResult result;
   result.frame = frame;
-  FrameState state{frame, impl_->options, *impl_->cache, {}, {}, {}};
-  state.times.resize(impl_->plan->nodes.size());
-  Round round(*impl_->plan);
+  FrameState state(frame, *impl_->plan);
   try {
-    impl_->fill(round, targets, state);
+    impl_->fill(state, targets);
     for (size_t i = 0; i < outputs.size(); ++i) {
-      const Value& value = round.at(targets[i]);
-      result.values[outputs[i]] = value.type()->on_device(value, Device{}) ? value : value.type()->to_host(value, *impl_->device);
+      const Key key = Hasher().add(state.keys[static_cast<size_t>(targets[i].node)]).add(targets[i].output).key();
+      result.values[outputs[i]] = impl_->brought(state.round.at(targets[i]), key, *impl_->host);
     }
-  } catch (const Error& error) {
-    result.error = error;
-  } catch (const std::bad_alloc&) {
-    result.error = Error(ErrorCode::kMemory, "out of memory");
+  } catch (...) {
+    result.error = error_in_flight();
+    result.values.clear();
   }
   for (auto& times : state.times)
     for (NodeTime& time : times) result.times.push_back(std::move(time));
@@ -275,52 +319,67 @@ FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outpu
 
 void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                                 const std::function<void(FrameResult)>& done) {
-  const auto cancelled = [&] { return impl_->options.cancelled && impl_->options.cancelled(); };
   if (frames.empty()) return;
-  prepare(frames, outputs, effects);
-  const size_t n = frames.size();
+  prepare(frames.front(), outputs, effects);
+  const size_t lanes = std::min(frames.size(), static_cast<size_t>(impl_->host->threads()));
+  std::atomic<size_t> next{0};
   std::mutex mutex;
-  impl_->host->run_graph(std::vector<std::vector<int>>(n), std::vector<int>(n), [&](int i) {
-    if (cancelled()) return;
-    FrameResult result = evaluate(frames[static_cast<size_t>(i)], outputs, effects);
-    if (result.error && result.error->code() == ErrorCode::kCancelled) return;
-    std::lock_guard lock(mutex);
-    done(std::move(result));
+  impl_->host->run_graph(std::vector<std::vector<int>>(lanes), std::vector<int>(lanes), [&](int) {
+    for (size_t i; !impl_->cancelled() && (i = next++) < frames.size();) {
+      FrameResult result = evaluate(frames[i], outputs, effects);
+      if (result.error && result.error->code() == ErrorCode::kCancelled && impl_->cancelled()) return;
+      std::lock_guard lock(mutex);
+      try {
+        done(std::move(result));
+      } catch (...) {
+        next = frames.size();
+        throw;
+      }
+    }
   });
 }
 
-void Evaluator::prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects) {
-  const std::vector<bool> reached = impl_->reached_from(impl_->targets_of(outputs, effects));
-  std::vector<Source> still;
-  for (size_t i = 0; i < reached.size(); ++i) {
-    const PlanNode& node = impl_->plan->nodes[i];
-    if (reached[i] && !node.frame_dependent && !node.node->has_effect() && !node.node->outputs().empty()) still.push_back({static_cast<int>(i), 0});
-  }
-  FrameState state{frames.front(), impl_->options, *impl_->cache, {}, {}, {}};
-  state.times.resize(impl_->plan->nodes.size());
-  Round round(*impl_->plan);
+// Computes what the frames share: else each of those that run side by side would find it lacking and compute it.
+void Evaluator::prepare(int frame, const std::vector<std::string>& outputs, bool effects) {
+  const std::vector<PlanNode>& nodes = impl_->plan->nodes;
+  const std::vector<Source> targets = impl_->targets_of(outputs, effects);
+  const std::vector<char> reached = impl_->reached_from(targets);
+  std::vector<Source> shared;
+  const auto share = [&](Source source) {
+    const PlanNode& node = nodes[static_cast<size_t>(source.node)];
+    if (!node.frame_dependent && !node.node->has_effect()) shared.push_back(source);
+  };
+  for (const Source target : targets) share(target);
+  for (size_t i = 0; i < nodes.size(); ++i)
+    if (reached[i] && (nodes[i].frame_dependent || nodes[i].node->has_effect()))
+      for (const auto& port : nodes[i].inputs)
+        for (const Source source : port) share(source);
+  FrameState state(frame, *impl_->plan);
   try {
-    impl_->fill(round, still, state);
-  } catch (const Error&) {
+    impl_->fill(state, shared);
+  } catch (...) {
     // Every frame that needs the failed node meets the same error and reports it.
   }
 }
 
 Key Evaluator::frame_key(int frame, const std::vector<std::string>& outputs, bool effects) const {
   const std::vector<Source> targets = impl_->targets_of(outputs, effects);
-  std::vector<Key> keys;
-  impl_->keys_of(frame, impl_->reached_from(targets), keys);
+  std::vector<Key> keys(impl_->plan->nodes.size());
+  impl_->find_keys(frame, impl_->reached_from(targets), keys);
   Hasher hasher;
   hasher.add(frame);
-  for (const Source target : targets) hasher.add(keys[static_cast<size_t>(target.node)]);
+  for (const Source target : targets) hasher.add(keys[static_cast<size_t>(target.node)]).add(target.output);
   return hasher.key();
 }
 
 EvaluatorFigures Evaluator::figures() const {
   EvaluatorFigures figures;
   figures.cache = impl_->cache->figures();
-  for (size_t i = 0; i < impl_->evaluations.size(); ++i)
-    if (const uint64_t count = impl_->evaluations[i]) figures.evaluations[impl_->plan->nodes[i].type->name] += count;
+  for (size_t i = 0; i < impl_->evaluations.size(); ++i) {
+    const PlanNode& node = impl_->plan->nodes[i];
+    if (const uint64_t count = impl_->evaluations[i]) figures.evaluations[node.type->name] += count;
+    if (const double seconds = impl_->seconds[i]; seconds > 0) figures.seconds[node.name] = seconds;
+  }
   figures.transfers = impl_->transfers;
   figures.transferred_bytes = impl_->transferred_bytes;
   return figures;

@@ -1,8 +1,8 @@
-// Evaluates a plan: any frame, in any order, on any number of threads, with the same bits.
+// Evaluates a plan: any frame, in any order, on any number of threads, with the same bits. Thread-safe.
 //
 // Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the cache
 // lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one that runs on the
-// host gets them back; both are counted.
+// host gets them back; both are counted, and a copy is made once for all its readers. A node that fails stops only what needs it.
 #pragma once
 #include <functional>
 #include <map>
@@ -33,7 +33,8 @@ struct FrameResult {
 
 struct EvaluatorFigures {
   CacheFigures cache;
-  std::map<std::string, uint64_t> evaluations;  // times a node of each type was really run
+  std::map<std::string, uint64_t> evaluations;  // times a node of each type was really run; a loop counts once, its body not
+  std::map<std::string, double> seconds;        // spent in each node by name, over all frames, with what was computed once for all of them
   uint64_t transfers = 0, transferred_bytes = 0;
 };
 
@@ -41,12 +42,13 @@ struct EvaluatorOptions {
   Executor* executor = nullptr;       // where kAnyDevice nodes run; null: a cpu executor of its own
   Executor* host_executor = nullptr;  // where kHost nodes run; null: `executor` if that is a host executor, else a cpu executor of its own
   std::shared_ptr<Cache> cache;       // null: one of its own
-  bool checked = false;               // prove that nodes read only what they declared and that cached results are what would be computed again
+  bool checked = false;               // prove that nodes read only what they declared, leave their inputs alone, and compute what is cached again
   std::function<bool()> cancelled;    // asked often, from any thread
 };
 
 class Evaluator {
  public:
+  struct Impl;  // internal
   explicit Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options = {});
   ~Evaluator();
 
@@ -58,7 +60,7 @@ class Evaluator {
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
   // Many frames, as many at once as there are threads. What does not depend on the frame is computed first, once. `done` is called once per frame, one call
-  // at a time, in the order in which frames end. A failed frame does not stop the others; cancellation does: frames not begun are not reported.
+  // at a time, in the order in which frames end. A failed frame does not stop the others; cancellation does: frames not finished are not reported.
   void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects, const std::function<void(FrameResult)>& done);
 
   // Identifies the inputs of everything that an effect node of this frame depends on, parameters included: equal keys mean equal files. For --resume.
@@ -74,8 +76,7 @@ class Evaluator {
   EvaluatorFigures figures() const;
 
  private:
-  void prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects);
-  struct Impl;
+  void prepare(int frame, const std::vector<std::string>& outputs, bool effects);
   std::unique_ptr<Impl> impl_;
 };
 

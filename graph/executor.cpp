@@ -1,5 +1,6 @@
 #include "graph/executor.h"
 
+#include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
 #include <oneapi/tbb/task_group.h>
@@ -20,7 +21,12 @@ class HostExecutor : public Executor {
   MemoryResource& memory() override { return host_memory(); }
   void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) override {
     if (from_device != Device{} || to_device != Device{}) throw Error(ErrorCode::kDevice, std::string("the ") + name() + " executor sees host memory only");
-    std::memcpy(to, from, bytes);
+    if (bytes > 0) std::memcpy(to, from, bytes);
+  }
+
+ protected:
+  static void in_order(size_t n, size_t grain, FunctionRef<void(size_t, size_t)> range) {
+    for (size_t begin = 0; begin < n; begin += grain) range(begin, std::min(n, begin + grain));
   }
 };
 
@@ -29,7 +35,8 @@ class SerialExecutor : public HostExecutor {
   const char* name() const override { return "serial"; }
 
   void parallel_ranges(size_t n, size_t grain, FunctionRef<void(size_t, size_t)> range) override {
-    for (size_t begin = 0; begin < n; begin += grain) range(begin, std::min(n, begin + grain));
+    grain = std::max<size_t>(grain, 1);
+    in_order(n, grain, range);
   }
 
   void run_graph(const std::vector<std::vector<int>>& successors, const std::vector<int>& waits_for, FunctionRef<void(int)> task) override {
@@ -49,13 +56,14 @@ class SerialExecutor : public HostExecutor {
 // this thread is making, and would hold twice the memory.
 class CpuExecutor : public HostExecutor {
  public:
-  explicit CpuExecutor(int threads) : arena_(threads > 0 ? threads : tbb::task_arena::automatic) { arena_.initialize(); }
+  explicit CpuExecutor(int threads) : arena_(threads_of(threads)) { arena_.initialize(); }
   const char* name() const override { return "cpu"; }
   int threads() const override { return arena_.max_concurrency(); }
 
   void parallel_ranges(size_t n, size_t grain, FunctionRef<void(size_t, size_t)> range) override {
+    grain = std::max<size_t>(grain, 1);
     if (n <= grain || arena_.max_concurrency() == 1) {
-      for (size_t begin = 0; begin < n; begin += grain) range(begin, std::min(n, begin + grain));
+      in_order(n, grain, range);
       return;
     }
     arena_.execute([&] {
@@ -83,6 +91,11 @@ class CpuExecutor : public HostExecutor {
   }
 
  private:
+  // No more than the machine has, or the host application allows: TBB would write a warning to stderr.
+  static int threads_of(int asked) {
+    const auto most = static_cast<int>(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
+    return asked > 0 ? std::min(asked, most) : most;
+  }
   tbb::task_arena arena_;
 };
 

@@ -47,7 +47,7 @@ class Executor {
 // One thread, in order: the debugger.
 std::unique_ptr<Executor> make_serial_executor();
 
-// TBB in an arena of its own with `threads` threads (0: as many as the machine has), isolated from the host application's tasks.
+// TBB in an arena of its own with `threads` threads (0, or more than the machine has: all of them), isolated from the host application's tasks.
 std::unique_ptr<Executor> make_cpu_executor(int threads = 0);
 
 }  // namespace knead

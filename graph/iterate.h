@@ -31,8 +31,11 @@ class Iterate : public Node {
   void add_to_key(Hasher& hasher, int frame) const override;
 
  private:
+  void find_last_readers();
+
   Plan body_;
   std::vector<State> states_;
+  std::vector<std::vector<Source>> dies_after_;  // per body node: outputs that nothing reads any more in a round once it has run
 };
 
 }  // namespace knead

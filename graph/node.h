@@ -189,6 +189,7 @@ class Context {
   virtual int frame() const = 0;  // throws in checked mode when the node did not say depends_on_frame()
   virtual Executor& executor() const = 0;
   MemoryResource& memory() const { return executor().memory(); }
+  virtual bool checked() const { return false; }  // checked mode: what follows from the declarations is proved, at a cost
   virtual bool cancelled() const = 0;
   void check_cancelled() const;              // throws Error(kCancelled)
   virtual void warn(const std::string& message) = 0;  // kept with the cached result and repeated to the host once per frame

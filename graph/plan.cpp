@@ -53,12 +53,16 @@ void append_text(std::string& text, const Plan& plan, const Executor& executor, 
       }
     for (const ParamBase* param : node.node->params())
       if (param->is_set()) text += indent + "  " + param->name() + " = " + param->show().text() + '\n';
-    if (const auto* loop = dynamic_cast<const Iterate*>(node.node.get())) append_text(text, loop->body(), executor, indent + "    ");
+    if (const auto* loop = dynamic_cast<const Iterate*>(node.node.get())) {
+      append_text(text, loop->body(), executor, indent + "    ");
+      for (const Iterate::State& state : loop->states()) text += indent + "  next " + state.name + " <- " + source_text(loop->body(), state.next) + '\n';
+    }
   }
 }
 
 void append_dot(std::string& text, const Plan& plan, const std::string& prefix) {
   const auto id = [&](const std::string& name) { return "\"" + prefix + name + "\""; };
+  for (const External& external : plan.externals) text += "  " + id(external.name) + " [label=\"" + external.name + "\", shape=ellipse, style=dashed];\n";
   for (const PlanNode& node : plan.nodes) {
     text += "  " + id(node.name) + " [label=\"" + node.name + "\\n" + node.type->name + "\"" + (node.frame_dependent ? ", style=filled, fillcolor=\"#ffe9c7\"" : "") +
             (node.node->has_effect() ? ", shape=note" : "") + "];\n";

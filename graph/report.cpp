@@ -34,4 +34,12 @@ std::string Report::word(const std::string& name) const {
   return entry && std::holds_alternative<std::string>(*entry) ? std::get<std::string>(*entry) : std::string();
 }
 
+void PortTraits<Report>::hash(const Report& report, Hasher& hasher) {
+  for (const auto& [name, value] : report.entries) {
+    hasher.add(name).add(value.index());
+    if (const double* number = std::get_if<double>(&value)) hasher.add(*number);
+    else hasher.add(std::get<std::string>(value));
+  }
+}
+
 }  // namespace knead

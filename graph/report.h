@@ -28,12 +28,14 @@ struct PortTraits<Scalar> {
   static constexpr const char* name = "Scalar";
   template <class F>
   static void each_buffer(Scalar&, F&&) {}
+  static void hash(const Scalar& v, Hasher& hasher) { hasher.add(v.value); }
 };
 template <>
 struct PortTraits<Report> {
   static constexpr const char* name = "Report";
   template <class F>
   static void each_buffer(Report&, F&&) {}
+  static void hash(const Report& v, Hasher& hasher);
 };
 
 }  // namespace knead

@@ -14,7 +14,7 @@ struct Round {
   explicit Round(const Plan& p) : plan(p), values(p.nodes.size()), externals(p.externals.size()) {
     for (size_t i = 0; i < p.nodes.size(); ++i) values[i].resize(p.nodes[i].node->outputs().size());
   }
-  const Value& at(Source source) const {
+  Value& at(Source source) {
     return source.node == Source::kExternal ? externals[static_cast<size_t>(source.output)]
                                             : values[static_cast<size_t>(source.node)][static_cast<size_t>(source.output)];
   }
@@ -26,27 +26,25 @@ class RoundContext : public Context {
  public:
   RoundContext(Round& round, int node) : round_(round), node_(node) {}
 
-  size_t input_count(int port) const override {
-    size_t count = 0;
-    for (const Source source : sources(port)) count += static_cast<bool>(round_.at(source));
-    return count;
-  }
-  const Value& input(int port, size_t i) const override {
-    for (const Source source : sources(port)) {
-      const Value& value = round_.at(source);
-      if (value && i-- == 0) return value;
-    }
-    const PlanNode& node = plan_node();
-    throw Error(ErrorCode::kInput, "input '" + node.node->inputs()[static_cast<size_t>(port)].name + "' has no value", "connect it");
-  }
-  void set_output(int port, Value value) override { round_.values[static_cast<size_t>(node_)][static_cast<size_t>(port)] = std::move(value); }
+  size_t input_count(int port) const override;
+  const Value& input(int port, size_t i) const override;
+  void set_output(int port, Value value) override { outputs()[static_cast<size_t>(port)] = std::move(value); }
+  int frame() const final;
+
+  // Runs the node: fresh outputs, all of them set, and in checked mode the inputs as they were. Throws Errors that know the node.
+  void evaluate();
 
   const PlanNode& plan_node() const { return round_.plan.nodes[static_cast<size_t>(node_)]; }
+  std::vector<Value>& outputs() { return round_.values[static_cast<size_t>(node_)]; }
 
  protected:
+  virtual int frame_number() const = 0;
   const std::vector<Source>& sources(int port) const { return plan_node().inputs[static_cast<size_t>(port)]; }
   Round& round_;
   int node_;
+
+ private:
+  Key content_of_inputs() const;
 };
 
 }  // namespace knead

@@ -12,18 +12,13 @@ GraphSpec& GraphSpec::add(std::string name, std::string type, Literal::Map argum
 
 namespace {
 
-bool is_name(const std::string& text) {
-  const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
-  return !text.empty() && letter(text[0]) && std::all_of(text.begin(), text.end(), [&](char c) { return letter(c) || (c >= '0' && c <= '9'); });
-}
-
 // Reads maps with known keys and collects what is wrong with them.
 class SpecReader {
  public:
   SpecReader(std::string file, std::vector<Error>& errors) : file_(std::move(file)), errors_(errors) {}
 
-  void wrong(const Literal& at, const std::string& message, const std::string& hint = {}, const std::string& node = {}) {
-    errors_.emplace_back(ErrorCode::kGraph, Where{file_, at.line, at.column, node, {}}, message, hint);
+  void wrong(const Literal& at, const std::string& message, const std::string& hint = {}) {
+    errors_.emplace_back(ErrorCode::kGraph, Where{file_, at.line, at.column, {}, {}}, message, hint);
   }
 
   const Literal::Map* map(const Literal& literal, const char* what) {
@@ -55,7 +50,8 @@ class SpecReader {
     wrong(key, "unknown key '" + name + "'", near.empty() ? "" : "did you mean '" + near + "'?");
   }
 
-  void nodes(const Literal& tree, const std::string& owner, std::vector<NodeSpec>& out) {
+  // Names and types are checked by the compiler, as those of graphs made by calls are.
+  void nodes(const Literal& tree, std::vector<NodeSpec>& out) {
     const Literal::Map* all = map(tree, "nodes");
     if (!all) return;
     for (const auto& [name_literal, body] : *all) {
@@ -63,24 +59,15 @@ class SpecReader {
       node.name = key(name_literal);
       node.line = name_literal.line;
       node.column = name_literal.column;
-      if (!is_name(node.name)) wrong(name_literal, "'" + node.name + "' is no name for a node", "letters, digits and _ only, and no digit first");
-      if (node.name == "state" || node.name == "inputs" || node.name == "none")
-        wrong(name_literal, "'" + node.name + "' has a meaning of its own and cannot name a node");
-      if (std::any_of(out.begin(), out.end(), [&](const NodeSpec& other) { return other.name == node.name; }))
-        wrong(name_literal, "node '" + node.name + "' is there twice");
-      const std::string full = owner.empty() ? node.name : owner + "." + node.name;
-      if (!body.as_map()) {
-        wrong(body, std::string("expected {type: ..., ...}, found ") + body.kind(), "", full);
-        continue;
+      if (!name_literal.as_string()) continue;
+      if (const Literal::Map* arguments = body.as_map()) {
+        for (const auto& [argument, value] : *arguments) {
+          if (key(argument) == "type")
+            node.type = text(value, "type");
+          else
+            node.arguments.emplace_back(argument, value);
+        }
       }
-      for (const auto& [argument, value] : *body.as_map()) {
-        const std::string argument_name = key(argument);
-        if (argument_name == "type")
-          node.type = text(value, "type");
-        else
-          node.arguments.emplace_back(argument, value);
-      }
-      if (!body.find("type")) wrong(name_literal, "the node has no type", "add type: ...; `knead nodes` lists the types", full);
       out.push_back(std::move(node));
     }
   }
@@ -136,9 +123,9 @@ class SpecReader {
 
 }  // namespace
 
-std::vector<NodeSpec> node_specs(const Literal& tree, const std::string& file, const std::string& owner, std::vector<Error>& errors) {
+std::vector<NodeSpec> node_specs(const Literal& tree, const std::string& file, std::vector<Error>& errors) {
   std::vector<NodeSpec> nodes;
-  SpecReader(file, errors).nodes(tree, owner, nodes);
+  SpecReader(file, errors).nodes(tree, nodes);
   return nodes;
 }
 
@@ -164,7 +151,7 @@ GraphSpec GraphSpec::from_literal(const Literal& tree, const std::string& file) 
           reader.wrong(value, error.message(), error.hint());
         }
       } else if (name == "nodes") {
-        reader.nodes(value, "", spec.nodes);
+        reader.nodes(value, spec.nodes);
       } else if (name == "inputs") {
         reader.inputs(value, spec.inputs);
       } else if (name == "parameters") {
@@ -183,9 +170,10 @@ GraphSpec GraphSpec::from_literal(const Literal& tree, const std::string& file) 
   return spec;
 }
 
+static constexpr size_t kMostFrames = 1000000;
+
 static std::vector<int> frames_of(const std::string& text) {
   constexpr const char* kExpected = "expected frames such as 12, 1-48, 1-48x2 or 1-10,20";
-  constexpr size_t kMost = 1000000;
   std::vector<int> frames;
   const char* at = text.data();
   const char* const end = at + text.size();
@@ -207,7 +195,7 @@ static std::vector<int> frames_of(const std::string& text) {
     if (last < first) throw Error(ErrorCode::kGraph, "the frames in '" + text + "' run backwards", kExpected);
     for (int64_t frame = first; frame <= last; frame += step) {
       frames.push_back(static_cast<int>(frame));
-      if (frames.size() > kMost) throw Error(ErrorCode::kGraph, "'" + text + "' names more than a million frames");
+      if (frames.size() > kMostFrames) throw Error(ErrorCode::kGraph, "'" + text + "' names more than a million frames");
     }
     if (at == end) return frames;
     if (*at++ != ',') throw Error(ErrorCode::kGraph, "'" + text + "' names no frames", kExpected);
@@ -222,6 +210,7 @@ std::vector<int> parse_frames(const Literal& literal) {
     for (const Literal& item : *list) {
       const std::vector<int> more = parse_frames(item);
       frames.insert(frames.end(), more.begin(), more.end());
+      if (frames.size() > kMostFrames) throw Error(ErrorCode::kGraph, "the list names more than a million frames");
     }
     if (!frames.empty()) return frames;
   }

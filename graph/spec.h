@@ -50,7 +50,7 @@ struct GraphSpec {
 };
 
 // The nodes of a `nodes:` or `body:` map. Adds to `errors` what is wrong with the layout.
-std::vector<NodeSpec> node_specs(const Literal& tree, const std::string& file, const std::string& owner, std::vector<Error>& errors);
+std::vector<NodeSpec> node_specs(const Literal& tree, const std::string& file, std::vector<Error>& errors);
 
 // "1-48", "1-48x2,60", 7 or a list of these, in order. Throws Error(kGraph) with what was expected. At most a million frames.
 std::vector<int> parse_frames(const Literal& literal);

@@ -4,6 +4,7 @@
 //   static constexpr const char* name;                              "Surface"
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
 //   and optionally
+//   static void hash(const T&, Hasher&)                              what the buffers do not hold, for checked mode's comparisons
 //   static double unrest(const T& before, const T& after, Executor&)  how far from rest a loop's state is, as a fraction of its own size; `iterate` stops on it
 #pragma once
 #include <atomic>
@@ -28,7 +29,7 @@ struct PortType {
   bool (*on_device)(const Value&, Device);                           // every buffer lives there
   Value (*moved)(const Value&, Executor& from_to);                   // a copy with every buffer on the executor's device
   Value (*to_host)(const Value&, Executor& from);                    // and back
-  Key (*content)(const Value&);                                      // hash of the bytes of all host buffers; checked mode
+  Key (*content)(const Value&);                                      // hash of all host buffers and of PortTraits<T>::hash; checked mode
   double (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
 };
 
@@ -145,6 +146,7 @@ const PortType& port_type() {
     t.to_host = [](const Value& value, Executor& executor) { return detail::move_value<T>(value, executor, Device{}, host_memory()); };
     t.content = [](const Value& value) {
       Hasher hasher;
+      if constexpr (requires(const T& v, Hasher& h) { PortTraits<T>::hash(v, h); }) PortTraits<T>::hash(value.as<T>(), hasher);
       PortTraits<T>::each_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) {
         hasher.add(buffer.size());
         if (buffer && buffer.device() == Device{}) hasher.bytes(buffer.host().data(), buffer.bytes());

@@ -1,0 +1,149 @@
+#include <algorithm>
+#include <cstring>
+
+#include "graph/compiler.h"
+
+namespace knead {
+namespace {
+
+std::string source_name(const Plan& plan, Source source) {
+  if (source.node == Source::kExternal) return plan.externals[static_cast<size_t>(source.output)].name;
+  const PlanNode& node = plan.nodes[static_cast<size_t>(source.node)];
+  return node.name + "." + node.node->outputs()[static_cast<size_t>(source.output)].name;
+}
+
+// "did you mean 'tets.lattice'?", where the node that was named has an output of the type that was wanted.
+std::string output_of_type(const Plan& plan, Source source, const std::string& node_written, const char* type) {
+  if (source.node == Source::kExternal) return {};
+  for (const OutputDeclaration& output : plan.nodes[static_cast<size_t>(source.node)].node->outputs())
+    if (output.type && std::strcmp(output.type->name, type) == 0) return "did you mean '" + node_written + "." + output.name + "'?";
+  return {};
+}
+
+}  // namespace
+
+// The sources behind an argument of an input, checked against its type.
+Reference Compiler::connect(Scope& scope, const Literal& value, const Wanted& wanted, const std::string& node) {
+  Reference all;
+  const auto add = [&](const Literal& item) {
+    Reference one = resolve(scope, item, node, wanted.name);
+    all.failed |= one.failed;
+    for (const Source source : one.sources) {
+      const PortType* is = scope.plan->type_of(source);
+      if (is && wanted.type && std::strcmp(is->name, wanted.type) != 0) {
+        const std::string& written = *item.as_string();
+        fail(where_of(scope, item, node, wanted.name), std::string("expected a ") + wanted.type + ", but '" + written + "' is a " + is->name,
+             output_of_type(*scope.plan, source, written.substr(0, written.find('.')), wanted.type));
+        all.failed = true;
+      }
+      all.sources.push_back(source);
+    }
+  };
+  if (const Literal::List* list = value.as_list())
+    for (const Literal& item : *list) add(item);
+  else
+    add(value);
+  if (!wanted.many && all.sources.size() > 1) {
+    fail(where_of(scope, value, node, wanted.name), "this input takes one value, and a list was given");
+    all.failed = true;
+  }
+  return all;
+}
+
+// "node" or "node.output", "state.NAME", "inputs.NAME", looked for from the inside out; "none" is nothing at all.
+Reference Compiler::resolve(Scope& scope, const Literal& value, const std::string& node, const std::string& member) {
+  if (value.is_null()) return {};
+  const std::string* text = value.as_string();
+  if (!text) {
+    fail(where_of(scope, value, node, member), std::string("expected the name of a node or of its output, found ") + value.kind(), "such as 'body' or 'tets.lattice'");
+    return {{}, true};
+  }
+  if (*text == "none") return {};
+  const size_t dot = text->find('.');
+  const std::string name = text->substr(0, dot), output = dot == std::string::npos ? "" : text->substr(dot + 1);
+  for (Scope* at = &scope; at; at = at->parent) {
+    Found found = find(*at, name, output);
+    if (found.result == Found::kHere) return {captured(scope, *at, std::move(found.sources)), false};
+    if (found.result == Found::kBroken) return {{}, true};
+    if (found.result == Found::kNoSuchOutput) {
+      const std::string message = found.outputs.empty() ? "'" + name + "' has no outputs"
+                                  : output.empty()      ? "which of '" + name + "'?"
+                                                        : "'" + name + "' has no output '" + output + "'";
+      fail(where_of(scope, value, node, member), message, did_you_mean(output, found.outputs, "it has "));
+      return {{}, true};
+    }
+  }
+  return not_found(scope, value, name, output, node, member);
+}
+
+Reference Compiler::not_found(Scope& scope, const Literal& value, const std::string& name, const std::string& output, const std::string& node,
+                              const std::string& member) {
+  std::vector<std::string> known;
+  for (const Scope* at = &scope; at; at = at->parent) {
+    if (name == "state" && at->states)
+      for (const auto& [state, source] : *at->states) known.push_back(state);
+    else
+      for (const NodeSpec& spec : *at->specs) known.push_back(spec.name);
+  }
+  if (name == "state")
+    fail(where_of(scope, value, node, member), "there is no state '" + output + "'", scope.states ? did_you_mean(output, known, "there is ") : "only the body of a loop has states");
+  else
+    fail(where_of(scope, value, node, member), "there is no node '" + name + "'", did_you_mean(name, known));
+  return {{}, true};
+}
+
+Compiler::Found Compiler::find(Scope& scope, const std::string& name, const std::string& output) {
+  Found found;
+  const auto with = [&](int result) {
+    found.result = static_cast<decltype(found.result)>(result);
+    return found;
+  };
+  if (name == "state") {
+    if (!scope.states || !scope.states->count(output)) return found;
+    found.sources = {scope.states->at(output)};
+    return with(Found::kHere);
+  }
+  if (name == "inputs" && scope.inputs) {
+    if (const auto input = scope.inputs->find(output); input != scope.inputs->end()) {
+      found.sources = input->second.sources;
+      return with(input->second.failed ? Found::kBroken : Found::kHere);
+    }
+    for (const auto& [input, reference] : *scope.inputs) found.outputs.push_back(input);
+    return with(Found::kNoSuchOutput);
+  }
+  const auto at = scope.by_name.find(name);
+  if (at == scope.by_name.end()) return found;
+  const CompiledNode& compiled = compile_node(scope, at->second);
+  if (compiled.is_group) {
+    for (const auto& [group_output, sources] : compiled.group_outputs) {
+      found.outputs.push_back(group_output);
+      if (!output.empty() && output != group_output) continue;
+      found.sources = sources;
+      return with(compiled.failed ? Found::kBroken : Found::kHere);
+    }
+  } else if (compiled.node >= 0) {
+    const auto& outputs = scope.plan->nodes[static_cast<size_t>(compiled.node)].node->outputs();
+    for (size_t i = 0; i < outputs.size(); ++i) {
+      found.outputs.push_back(outputs[i].name);
+      if (!output.empty() && output != outputs[i].name) continue;
+      found.sources = {{compiled.node, static_cast<int>(i)}};
+      return with(Found::kHere);
+    }
+  }
+  return with(!compiled.failed || !found.outputs.empty() ? Found::kNoSuchOutput : Found::kBroken);
+}
+
+// Sources of an outer scope as seen from an inner one: an external of every loop in between.
+std::vector<Source> Compiler::captured(Scope& scope, const Scope& owner, std::vector<Source> sources) {
+  if (scope.plan == owner.plan) return sources;
+  sources = captured(*scope.parent, owner, std::move(sources));
+  const Plan& outer = *scope.parent->plan;
+  for (Source& source : sources) {
+    const auto [entry, is_new] = scope.captured.try_emplace({source.node, source.output}, static_cast<int>(scope.plan->externals.size()));
+    if (is_new) scope.plan->externals.push_back({source_name(outer, source), outer.type_of(source)});
+    source = {Source::kExternal, entry->second};
+  }
+  return sources;
+}
+
+}  // namespace knead

@@ -1,0 +1,113 @@
+// Who may include whom: design.md, "The house". Reads the tree, not the compiler.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <regex>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace knead {
+namespace include_direction_test {
+
+namespace fs = std::filesystem;
+
+struct Include {
+  std::string file;  // "io/vdb.cpp"
+  std::string what;  // "graph/error.h" or "openvdb/openvdb.h"
+  int line;
+};
+
+const char* const kRooms[] = {"graph", "kernels", "nodes", "io", "app"};
+
+bool is_header(const fs::path& path) { return path.extension() == ".h" || path.extension() == ".hpp" || path.extension() == ".cuh"; }
+bool is_source(const fs::path& path) { return path.extension() == ".cpp" || path.extension() == ".cu" || is_header(path); }
+
+std::vector<Include> includes_of(const std::string& room) {
+  static const std::regex pattern(R"(^\s*#\s*include\s*[<"]([^>"]+)[>"])");
+  std::vector<Include> found;
+  const fs::path root = KNEAD_SOURCE_DIR;
+  for (const auto& entry : fs::recursive_directory_iterator(root / room)) {
+    if (!entry.is_regular_file() || !is_source(entry.path())) continue;
+    std::ifstream in(entry.path());
+    std::string text;
+    for (int line = 1; std::getline(in, text); ++line)
+      if (std::smatch match; std::regex_search(text, match, pattern)) found.push_back({fs::relative(entry.path(), root).generic_string(), match[1], line});
+  }
+  return found;
+}
+
+std::string room_of(const std::string& path) {
+  const std::string first = path.substr(0, path.find('/'));
+  for (const char* room : kRooms)
+    if (first == room && path != first) return first;
+  return {};
+}
+
+bool begins(const std::string& text, const std::string& with) { return text.compare(0, with.size(), with) == 0; }
+
+std::string said(const Include& include) { return include.file + ":" + std::to_string(include.line) + " includes " + include.what; }
+
+TEST(IncludeDirection, IsOneWay) {
+  // `io` sees of kernels only plain data and the small arithmetic on it.
+  const std::map<std::string, std::set<std::string>> may_see{
+      {"graph", {"graph"}}, {"kernels", {"kernels", "graph"}}, {"nodes", {"graph", "kernels", "io"}}, {"io", {"io", "graph", "kernels"}}, {"app", {"app", "graph", "io"}}};
+  for (const char* room : kRooms) {
+    const std::vector<Include> includes = includes_of(room);
+    EXPECT_FALSE(includes.empty()) << room << ": is KNEAD_SOURCE_DIR right?";
+    for (const Include& include : includes) {
+      const std::string other = room_of(include.what);
+      EXPECT_TRUE(other.empty() || may_see.at(room).count(other)) << said(include);
+    }
+  }
+}
+
+TEST(IncludeDirection, NobodyIncludesNodesOrApp) {
+  for (const char* room : kRooms)
+    for (const Include& include : includes_of(room)) {
+      EXPECT_NE(room_of(include.what), "nodes") << said(include);
+      EXPECT_TRUE(std::string(room) == "app" || room_of(include.what) != "app") << said(include);
+    }
+}
+
+TEST(IncludeDirection, TheRoomsNameTheirHeadersInFull) {
+  for (const char* room : kRooms)
+    for (const Include& include : includes_of(room)) {
+      EXPECT_FALSE(begins(include.what, "../")) << said(include);
+      EXPECT_FALSE(fs::exists(fs::path(KNEAD_SOURCE_DIR) / fs::path(include.file).parent_path() / include.what)) << said(include) << ": write the room's name too";
+    }
+}
+
+TEST(IncludeDirection, HeadersShowNoneOfTheLibrariesBehindThem) {
+  const char* const hidden[] = {"openvdb/", "tbb/", "oneapi/", "embree", "yaml-cpp/", "Eigen/", "spdlog/", "CLI/", "tiny_obj_loader", "png.h", "cuda", "Imath"};
+  for (const char* room : {"graph", "kernels", "nodes", "io"})
+    for (const Include& include : includes_of(room)) {
+      if (!is_header(include.file)) continue;
+      for (const char* library : hidden) EXPECT_FALSE(begins(include.what, library)) << said(include);
+    }
+}
+
+TEST(IncludeDirection, TheEngineKnowsNoGeometryAndNoDevice) {
+  for (const Include& include : includes_of("graph"))
+    for (const char* library : {"openvdb/", "nanovdb/", "cuda", "embree", "Eigen/", "yaml-cpp/"}) EXPECT_FALSE(begins(include.what, library)) << said(include);
+}
+
+TEST(IncludeDirection, TbbStandsWhereLoopsAreMade) {
+  for (const Include& include : includes_of("graph"))
+    EXPECT_TRUE(include.file == "graph/executor.cpp" || (!begins(include.what, "oneapi/") && !begins(include.what, "tbb/"))) << said(include);
+}
+
+TEST(IncludeDirection, EveryHeaderIsIncludedOnce) {
+  for (const char* room : kRooms)
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(KNEAD_SOURCE_DIR) / room)) {
+      if (!is_header(entry.path())) continue;
+      std::ifstream in(entry.path());
+      const std::string text((std::istreambuf_iterator<char>(in)), {});
+      EXPECT_NE(text.find("#pragma once"), std::string::npos) << entry.path();
+    }
+}
+
+}  // namespace include_direction_test
+}  // namespace knead
