@@ -99,19 +99,19 @@ std::vector<std::string> unused_nodes(const Plan& plan) {
   return unused;
 }
 
-std::vector<std::string> report_outputs(const Plan& plan) {
+std::vector<ReportOutput> report_outputs(const Plan& plan) {
   std::vector<Source> merged;  // into the report of another node
   for (const PlanNode& node : plan.nodes)
     if (std::any_of(node.node->outputs().begin(), node.node->outputs().end(), is_report))
       for (const auto& port : node.inputs) merged.insert(merged.end(), port.begin(), port.end());
-  std::vector<std::string> references;
+  std::vector<ReportOutput> reports;
   for (size_t i = 0; i < plan.nodes.size(); ++i) {
     const auto& outputs = plan.nodes[i].node->outputs();
     for (size_t k = 0; k < outputs.size(); ++k)
       if (is_report(outputs[k]) && !std::count(merged.begin(), merged.end(), Source{static_cast<int>(i), static_cast<int>(k)}))
-        references.push_back(plan.nodes[i].name + "." + outputs[k].name);
+        reports.push_back({plan.nodes[i].name + "." + outputs[k].name, plan.nodes[i].type->name == "measure"});
   }
-  return references;
+  return reports;
 }
 
 }  // namespace knead::app

@@ -8,6 +8,7 @@
 #include "app/commands.h"
 #include "graph/executor.h"
 #include "graph/plan.h"
+#include "io/stats.h"
 
 namespace knead::app {
 
@@ -30,7 +31,7 @@ std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments);
 // Nodes that make something nobody uses: probably a slip.
 std::vector<std::string> unused_nodes(const Plan& plan);
 
-// The plan's Report outputs, as references in plan order; those that another report takes in are left out.
-std::vector<std::string> report_outputs(const Plan& plan);
+// The plan's Report outputs, in plan order; those that another report takes in are left out.
+std::vector<ReportOutput> report_outputs(const Plan& plan);
 
 }  // namespace knead::app

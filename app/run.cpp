@@ -28,8 +28,9 @@ std::vector<int> frames_of(const RunArguments& arguments, const Plan& plan) {
 }
 
 // What every frame is asked for: the figures, and where nothing is written the ends of the graph, so that it runs at all.
-std::vector<std::string> wanted_outputs(const Plan& plan) {
-  std::vector<std::string> outputs = report_outputs(plan);
+std::vector<std::string> wanted_outputs(const Plan& plan, const std::vector<ReportOutput>& reports) {
+  std::vector<std::string> outputs;
+  for (const ReportOutput& report : reports) outputs.push_back(report.reference);
   if (!plan.sinks().empty()) return outputs;
   std::vector<bool> used(plan.nodes.size());
   for (const PlanNode& node : plan.nodes)
@@ -67,7 +68,7 @@ std::string stats_path(const RunArguments& arguments) {
 // Keeps the figures of one run; a disk that is full for them must not end the frames.
 class Figures {
  public:
-  Figures(StatsFile& file, Progress& progress) : file_(file), progress_(progress) {}
+  Figures(StatsFile& file, std::vector<ReportOutput> reports, Progress& progress) : file_(file), reports_(std::move(reports)), progress_(progress) {}
   bool good() const { return good_; }
   void add(const Evaluator& evaluator, const FrameResult& result, const std::vector<std::string>& outputs) {
     keep([&] {
@@ -77,7 +78,7 @@ class Figures {
         key = evaluator.frame_key(result.frame, outputs, true).text();
         for (const std::string& path : files_of(evaluator.plan(), result.frame)) files.push_back(written_file(path));
       }
-      file_.add(result.frame, stats_line(result, outputs, key, files));
+      file_.add(result.frame, stats_line(result, reports_, key, files));
     });
   }
   void finish() {
@@ -95,6 +96,7 @@ class Figures {
     }
   }
   StatsFile& file_;
+  std::vector<ReportOutput> reports_;
   Progress& progress_;
   bool good_ = true;
 };
@@ -126,7 +128,8 @@ int run(const RunArguments& arguments) {
 
   Counts counts;
   std::vector<int> to_do;
-  const std::vector<std::string> outputs = wanted_outputs(*plan);
+  const std::vector<ReportOutput> reports = report_outputs(*plan);
+  const std::vector<std::string> outputs = wanted_outputs(*plan, reports);
   for (const int frame : frames) {
     if (interrupted()) break;
     if (arguments.resume && is_complete(evaluator, frame, outputs, stats.earlier(frame)))
@@ -139,7 +142,7 @@ int run(const RunArguments& arguments) {
     progress.warn("the graph writes nothing: add a node such as write_mesh");
   else
     for (const std::string& line : unused_nodes(*plan)) progress.warn(line);
-  Figures figures(stats, progress);
+  Figures figures(stats, reports, progress);
   evaluator.evaluate_frames(to_do, outputs, true, [&](FrameResult result) {
     ++(result.error ? counts.failed : counts.good);
     figures.add(evaluator, result, outputs);

@@ -36,6 +36,7 @@ Json json_of(const Literal& literal) {
 struct Entry {
   std::string name, type, kind, doc, unit;  // kind: "", "optional", "many", or a group's default in words
   Json schema;
+  bool required = false;
 };
 struct Declaration {
   std::vector<Entry> inputs, params, outputs;
@@ -53,7 +54,7 @@ Json reference_schema(const std::string& description, bool many) {
 }
 
 Entry input_entry(const std::string& name, const std::string& type, bool optional, bool many, const std::string& unit, const std::string& doc) {
-  Entry entry{name, type, many ? "many" : optional ? "optional" : "", doc, unit, {}};
+  Entry entry{name, type, many ? "many" : optional ? "optional" : "", doc, unit, {}, !optional};
   entry.schema = reference_schema(fmt::format("{}{}: {}{}", type, many ? ", one or a list" : optional ? ", optional" : "", doc, unit.empty() ? "" : " [" + unit + "]"), many);
   return entry;
 }
@@ -100,9 +101,9 @@ Declaration declaration_of_group(const GraphSpec& group) {
     if (parameter.value.as_bool()) schema["type"] = "boolean";
     else if (parameter.value.is_number()) schema["type"] = "number";
     else if (parameter.value.as_string()) schema["type"] = "string";
-    all.params.push_back({parameter.name, "", "default " + parameter.value.text(), parameter.doc, "", or_parameter(std::move(schema))});
+    all.params.push_back({parameter.name, "", "default " + parameter.value.text(), parameter.doc, "", or_parameter(std::move(schema)), false});
   }
-  for (const auto& [name, reference] : group.outputs) all.outputs.push_back({name, "", "", "", "", {}});
+  for (const auto& [name, reference] : group.outputs) all.outputs.push_back({name, "", "", "", "", {}, false});
   return all;
 }
 
@@ -113,13 +114,11 @@ Declaration declaration_of(const NodeType& type) {
   for (const InputDeclaration& input : node->inputs())
     all.inputs.push_back(input_entry(input.name, input.type ? input.type->name : "any", input.optional, input.many, input.spec.unit, input.spec.doc));
   for (const ParamBase* param : node->params())
-    all.params.push_back({param->name(), "", words_of(*param), param->spec().doc, param->spec().unit, or_parameter(json_of(param->schema()))});
+    all.params.push_back({param->name(), "", words_of(*param), param->spec().doc, param->spec().unit, or_parameter(json_of(param->schema())), false});
   for (const OutputDeclaration& output : node->outputs())
-    all.outputs.push_back({output.name, output.type ? output.type->name : "any", "", output.spec.doc, output.spec.unit, {}});
+    all.outputs.push_back({output.name, output.type ? output.type->name : "any", "", output.spec.doc, output.spec.unit, {}, false});
   return all;
 }
-
-bool is_required(const Entry& input) { return input.kind.empty(); }
 
 Json node_schema(const NodeType& type) {
   const Declaration declared = declaration_of(type);
@@ -127,7 +126,7 @@ Json node_schema(const NodeType& type) {
   Json required = Json::array({"type"});
   for (const Entry& input : declared.inputs) {
     properties[input.name] = input.schema;
-    if (is_required(input)) required.push_back(input.name);
+    if (input.required) required.push_back(input.name);
   }
   for (const Entry& param : declared.params) properties[param.name] = param.schema;
   if (type.name == "iterate") {

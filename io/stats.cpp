@@ -29,21 +29,25 @@ Json json_of(double value) {
 
 std::string node_of(const std::string& reference) { return reference.substr(0, reference.rfind('.')); }
 
-void merge_reports(Json& line, const FrameResult& result, const std::vector<std::string>& references) {
-  std::map<std::string, int> givers;
-  for (const char* own : {"frame", "ok", "seconds", "error", "error_kind", "times", "warnings", "key", "files"}) givers[own] = 1;
-  std::vector<std::pair<std::string, const Report*>> reports;
-  for (const std::string& reference : references)
-    if (const auto found = result.values.find(reference); found != result.values.end())
+void merge_reports(Json& line, const FrameResult& result, const std::vector<ReportOutput>& outputs) {
+  struct Givers {
+    int all = 0, summaries = 0;
+  };
+  std::map<std::string, Givers> givers;
+  for (const char* own : {"frame", "ok", "seconds", "error", "error_kind", "times", "warnings", "key", "files"}) givers[own] = {2, 2};
+  std::vector<std::pair<const ReportOutput*, const Report*>> reports;
+  for (const ReportOutput& output : outputs)
+    if (const auto found = result.values.find(output.reference); found != result.values.end())
       if (const Report* report = found->second.get_if<Report>()) {
-        reports.emplace_back(node_of(reference), report);
+        reports.emplace_back(&output, report);
         std::set<std::string> names;
         for (const auto& [name, value] : report->entries)
-          if (names.insert(name).second) ++givers[name];
+          if (names.insert(name).second) ++givers[name].all, givers[name].summaries += output.is_summary;
       }
-  for (const auto& [node, report] : reports)
+  for (const auto& [output, report] : reports)
     for (const auto& [name, value] : report->entries) {
-      Json& at = line[givers[name] > 1 ? node + "." + name : name];
+      const bool plain = givers[name].all == 1 || (output->is_summary && givers[name].summaries == 1);
+      Json& at = line[plain ? name : node_of(output->reference) + "." + name];
       if (const double* number = std::get_if<double>(&value))
         at = json_of(*number);
       else
@@ -66,7 +70,7 @@ WrittenFile written_file(const std::string& path) {
   return {path, failed ? 0 : static_cast<uint64_t>(bytes), hash};
 }
 
-std::string stats_line(const FrameResult& result, const std::vector<std::string>& reports, const std::string& key, const std::vector<WrittenFile>& files) {
+std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key, const std::vector<WrittenFile>& files) {
   Json line;
   line["frame"] = result.frame;
   line["ok"] = !result.error.has_value();

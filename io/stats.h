@@ -29,9 +29,15 @@ struct FrameRecord {
   std::vector<WrittenFile> files;
 };
 
-// The line of a frame, without its end of line. The figures of the Reports among `result.values` that `reports` names are merged in that order; a name that
-// several nodes give is written as NODE.NAME for each of them. What is not a finite number becomes null. Times are those of nodes that really ran.
-std::string stats_line(const FrameResult& result, const std::vector<std::string>& reports, const std::string& key, const std::vector<WrittenFile>& files);
+struct ReportOutput {
+  std::string reference;   // "figures.report"
+  bool is_summary = false;  // of a measure node
+};
+
+// The line of a frame, without its end of line. The figures of the Reports among `result.values` that `reports` names are merged in that order. A name that
+// several nodes give is written as NODE.NAME, but plain for the one summary among them. What is not a finite number becomes null. Times are those of nodes
+// that really ran.
+std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key, const std::vector<WrittenFile>& files);
 
 // False when the line is none of ours or is not whole.
 bool read_stats_line(const std::string& line, FrameRecord& record);

@@ -28,7 +28,7 @@ const char* const kGraph = R"(
 knead: 1
 inputs:
   surface: {type: Surface, doc: "the soft surface M, at rest"}
-  sdf: {type: Sdf, many: true, doc: "the colliders; none or several"}
+  sdf: {type: Sdf, many: true, optional: true, doc: "the colliders; none or several"}
   pins: {type: Weights, optional: true, doc: "vertices of M that stay: 0 free, 1 pinned"}
 parameters:
   max_depth: {default: 6, doc: "of the tet mesh's octree: M's box is at most 2^max_depth cells wide"}

@@ -167,7 +167,7 @@ TEST_F(Program, NamesAllErrorsOfAGraphWithTheirPlaces) {
     const Ended ended = knead({command, "bad.yaml"});
     EXPECT_EQ(ended.status, 1);
     EXPECT_THAT(ended.err, AllOf(HasSubstr("bad.yaml:3:3, node 'a': unknown node type 'primitiv' (did you mean 'primitive'?)"), HasSubstr("bad.yaml:4:31"),
-                                 HasSubstr("bad.yaml:4:46"), HasSubstr("bad.yaml:4:50"), HasSubstr("bad.yaml:5:32")))
+                                 HasSubstr("bad.yaml:4:46"), HasSubstr("bad.yaml:4:50"), HasSubstr("bad.yaml:5:34")))
         << command;
     EXPECT_EQ(std::count(ended.err.begin(), ended.err.end(), '\n'), 5) << ended.err;
   }

@@ -62,7 +62,7 @@ TEST_F(Stats, SaysWhatAFrameCameTo) {
   result.values["press.report"] = Value::of(std::move(report));
   result.times = {{"press", 0.2, false}, {"tets", 0, true}};
   result.warnings = {"node 'tets': open surface"};
-  const Json json = Json::parse(stats_line(result, {"press.report"}, "abc", {{"out/a.obj", 17, "ff"}}));
+  const Json json = Json::parse(stats_line(result, {{"press.report"}}, "abc", {{"out/a.obj", 17, "ff"}}));
   EXPECT_EQ(json["frame"], 12);
   EXPECT_EQ(json["ok"], true);
   EXPECT_EQ(json["iterations"], 118);
@@ -87,7 +87,7 @@ TEST_F(Stats, SaysWhyAFrameFailed) {
 TEST_F(Stats, WritesNullForWhatIsNoNumber) {
   FrameResult result;
   result.values["m.report"] = report_value({{"a", NAN}, {"b", INFINITY}, {"c", 1e300}});
-  const Json json = Json::parse(stats_line(result, {"m.report"}, "", {}));
+  const Json json = Json::parse(stats_line(result, {{"m.report"}}, "", {}));
   EXPECT_TRUE(json["a"].is_null());
   EXPECT_TRUE(json["b"].is_null());
   EXPECT_EQ(json["c"], 1e300);
@@ -97,13 +97,27 @@ TEST_F(Stats, PrefixesFiguresThatSeveralNodesGive) {
   FrameResult result;
   result.values["left.report"] = report_value({{"iterations", 3}, {"only_left", 1}});
   result.values["right.report"] = report_value({{"iterations", 4}, {"frame", 9}});
-  const Json json = Json::parse(stats_line(result, {"left.report", "right.report"}, "", {}));
+  const Json json = Json::parse(stats_line(result, {{"left.report"}, {"right.report"}}, "", {}));
   EXPECT_EQ(json["left.iterations"], 3);
   EXPECT_EQ(json["right.iterations"], 4);
   EXPECT_FALSE(json.contains("iterations"));
   EXPECT_EQ(json["only_left"], 1);
   EXPECT_EQ(json["frame"], 0) << "the line's own names are not to be overwritten";
   EXPECT_EQ(json["right.frame"], 9);
+}
+
+TEST_F(Stats, KeepsThePlainNamesOfTheOnlySummary) {
+  FrameResult result;
+  result.values["loop.report"] = report_value({{"penetration", 3}, {"iterations", 4}});
+  result.values["measure.report"] = report_value({{"penetration", 1}});
+  result.values["other.report"] = report_value({{"penetration", 2}});
+  Json json = Json::parse(stats_line(result, {{"loop.report"}, {"measure.report", true}}, "", {}));
+  EXPECT_EQ(json["penetration"], 1);
+  EXPECT_EQ(json["loop.penetration"], 3);
+  EXPECT_EQ(json["iterations"], 4);
+  json = Json::parse(stats_line(result, {{"measure.report", true}, {"other.report", true}}, "", {}));
+  EXPECT_FALSE(json.contains("penetration")) << "with two of them neither is plain";
+  EXPECT_EQ(json["other.penetration"], 2);
 }
 
 TEST_F(Stats, SurvivesTextsThatAreNotUtf8) {
