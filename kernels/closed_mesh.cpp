@@ -201,45 +201,65 @@ void face_outwards(ClosedMesh& mesh) {
   }
 }
 
-void close_rims(ClosedMesh& mesh) {
-  struct RimEdge {
-    uint32_t from, to;
-    int times;
-  };
-  std::vector<RimEdge> rim;
-  Sets sets(mesh.points.size());
+// The simple loops that the unmatched edges form, each as its vertices in order, against the direction of the triangles at it. There always are such loops:
+// what is left over of closed triangle outlines has as many edges into every vertex as out of it.
+std::vector<std::vector<uint32_t>> find_rims(const ClosedMesh& mesh) {
+  std::vector<std::pair<uint32_t, uint32_t>> loose;
   each_edge(sorted_edges(mesh.triangles), [&](const Edge* first, const Edge* last) {
     int net = 0;
     for (const Edge* e = first; e != last; ++e) net += e->forward ? 1 : -1;
-    if (net == 0) return;
-    rim.push_back(net > 0 ? RimEdge{first->low, first->high, net} : RimEdge{first->high, first->low, -net});
-    sets.join(first->low, first->high);
+    for (; net > 0; --net) loose.emplace_back(first->high, first->low);
+    for (; net < 0; ++net) loose.emplace_back(first->low, first->high);
   });
-  if (rim.empty()) return;
-  std::vector<uint32_t> apex(mesh.points.size(), ~0u);
-  std::vector<Vec3d> sum;
-  std::vector<double> weight, cap_area;
-  const uint32_t base = static_cast<uint32_t>(mesh.points.size());
-  for (const RimEdge& edge : rim) {
-    uint32_t& index = apex[sets.find(edge.from)];
-    if (index == ~0u) index = static_cast<uint32_t>(sum.size()), sum.push_back({0, 0, 0}), weight.push_back(0), cap_area.push_back(0);
-    const Vec3d a = to_double(mesh.points[edge.from]), b = to_double(mesh.points[edge.to]);
-    sum[index] += (a + b) * (0.5 * length(b - a));
-    weight[index] += length(b - a);
+  std::sort(loose.begin(), loose.end());
+  std::vector<size_t> next(mesh.points.size() + 1, 0), place(mesh.points.size(), ~size_t{0});
+  for (const auto& [from, to] : loose) ++next[from + 1];
+  for (size_t v = 0; v + 1 < next.size(); ++v) next[v + 1] += next[v];
+  std::vector<size_t> end(next.begin() + 1, next.end());
+  std::vector<std::vector<uint32_t>> rims;
+  std::vector<uint32_t> path;
+  for (const auto& [seed, unused] : loose) {
+    if (next[seed] == end[seed]) continue;
+    path.assign(1, seed);
+    place[seed] = 0;
+    while (!path.empty()) {
+      const uint32_t from = path.back();
+      if (next[from] == end[from]) {  // every loop through it has been taken off
+        place[from] = ~size_t{0};
+        path.pop_back();
+        continue;
+      }
+      const uint32_t to = loose[next[from]++].second;
+      if (place[to] == ~size_t{0}) {
+        place[to] = path.size();
+        path.push_back(to);
+        continue;
+      }
+      rims.emplace_back(path.begin() + static_cast<std::ptrdiff_t>(place[to]), path.end());
+      while (path.back() != to) place[path.back()] = ~size_t{0}, path.pop_back();
+    }
   }
-  for (size_t k = 0; k < sum.size(); ++k) mesh.points.push_back(to_float(sum[k] * (1 / weight[k])));
-  std::vector<size_t> edges_of(sum.size(), 0);
-  std::vector<double> longest(sum.size(), 0);
-  for (const RimEdge& edge : rim) {
-    const uint32_t index = apex[sets.find(edge.from)];
-    for (int k = 0; k < edge.times; ++k) mesh.triangles.insert(mesh.triangles.end(), {edge.to, edge.from, base + index});
-    cap_area[index] += area_of(mesh, mesh.triangles.size() / 3 - 1);
-    longest[index] = std::max(longest[index], length(to_double(mesh.points[edge.to]) - to_double(mesh.points[edge.from])));
-    ++edges_of[index];
+  return rims;
+}
+
+void close_rims(ClosedMesh& mesh) {
+  for (const std::vector<uint32_t>& rim : find_rims(mesh)) {
+    Vec3d sum{0, 0, 0};
+    double around = 0, area = 0;
+    for (size_t k = 0; k < rim.size(); ++k) {
+      const Vec3d a = to_double(mesh.points[rim[k]]), b = to_double(mesh.points[rim[(k + 1) % rim.size()]]);
+      sum += (a + b) * (0.5 * length(b - a));
+      around += length(b - a);
+    }
+    const uint32_t apex = static_cast<uint32_t>(mesh.points.size());
+    mesh.points.push_back(to_float(sum * (1 / around)));
+    for (size_t k = 0; k < rim.size(); ++k) {
+      mesh.triangles.insert(mesh.triangles.end(), {rim[k], rim[(k + 1) % rim.size()], apex});
+      area += area_of(mesh, mesh.triangles.size() / 3 - 1);
+    }
+    // A rim without area is the seam of a dropped flat triangle: closed as well, but nothing to tell the user about.
+    if (area > 1e-5 * around * around) ++mesh.rims, mesh.rim_edges += rim.size();
   }
-  // A rim without area is the seam of a dropped flat triangle: closed as well, but nothing to tell the user about.
-  for (size_t k = 0; k < sum.size(); ++k)
-    if (cap_area[k] > 1e-6 * longest[k] * longest[k]) ++mesh.rims, mesh.rim_edges += edges_of[k];
 }
 
 }  // namespace

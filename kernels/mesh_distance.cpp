@@ -18,7 +18,8 @@ namespace {
 constexpr double kSlack = 1e-6;          // of the diagonal: covers Embree's float boxes around the double triangles
 constexpr double kGrazing = 0.02;        // a point nearer than this (as a sine) to the tangent plane of an edge or corner asks the winding number
 constexpr int kOverlapLevels = 4;        // how often a triangle that is partly inside the solid is quartered
-constexpr double kOverlapOffset = 1e-3;  // of a triangle's size: how far below its face a triangle is tested
+constexpr double kOverlapOffset = 1e-3;  // of a triangle's size: how far below and above its face a triangle is tested
+constexpr double kSliver = 1e-6;         // of the diagonal: a triangle less high than this has no normal worth the name; its neighbours cover it
 
 RTCDevice embree_device() {
   struct Owner {
@@ -93,6 +94,11 @@ struct MeshDistance::Impl {
   bool closed = true, overlapping = false;
   RTCScene scene = nullptr;
 
+  struct Piece {  // of a triangle
+    std::array<Vec3d, 3> corners;
+    uint32_t triangle;
+    bool clean;  // on the surface all over
+  };
   struct Nearest {
     const Impl* mesh;
     Vec3d p;
@@ -107,15 +113,15 @@ struct MeshDistance::Impl {
   }
   void build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor& executor);
   void find_normals(const std::vector<uint32_t>& welded);
-  void drop_overlaps(Executor& executor);
-  void quarter(const std::array<Vec3d, 3>& corners, uint32_t origin, int level, std::vector<Vec3d>& corners_out, std::vector<uint32_t>& source_out) const;
+  void drop_overlaps(const std::vector<uint32_t>& welded, Executor& executor);
+  bool quarter(const Piece& piece, int level, std::vector<Piece>& out) const;
   void make_scene();
   static bool improve(Nearest& best, uint32_t triangle);
   Nearest search(const Vec3d& p, double radius, uint32_t hint) const;
   SignedDistance with_sign(const Nearest& nearest) const;
   int ray_winding(const Vec3d& origin, const Vec3d& direction) const;
   const Vec3d& corner(size_t triangle, int k) const { return points[triangles[3 * triangle + k]]; }
-  bool on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at, double size) const;
+  bool on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at) const;
 };
 
 namespace {
@@ -139,30 +145,56 @@ struct HalfEdge {
 
 void MeshDistance::Impl::build(std::span<const Vec3d> all_points, std::span<const uint32_t> all_triangles, Executor& executor) {
   points.assign(all_points.begin(), all_points.end());
-  bool first = true;
+  std::vector<uint32_t> whole, number;  // triangles with three finite corners
+  lower = {1e300, 1e300, 1e300};
+  upper = {-1e300, -1e300, -1e300};
   for (size_t t = 0; t + 2 < all_triangles.size(); t += 3) {
-    for (int k = 0; k < 3; ++k)
+    bool good = true;
+    for (int k = 0; k < 3; ++k) {
       if (all_triangles[t + k] >= points.size())
         throw Error(ErrorCode::kInput, "triangle " + std::to_string(t / 3) + " uses vertex " + std::to_string(all_triangles[t + k]) + " of " +
                                            std::to_string(points.size()), "the mesh is damaged; export it again");
-    const Vec3d &a = points[all_triangles[t]], &b = points[all_triangles[t + 1]], &c = points[all_triangles[t + 2]];
-    if (!finite(a) || !finite(b) || !finite(c) || !(length(cross(b - a, c - a)) > 0)) continue;
-    for (const Vec3d* p : {&a, &b, &c})
-      for (int k = 0; k < 3; ++k) {
-        lower[k] = first ? (*p)[k] : std::min(lower[k], (*p)[k]);
-        upper[k] = first ? (*p)[k] : std::max(upper[k], (*p)[k]);
-        if (k == 2) first = false;
+      good = good && finite(points[all_triangles[t + k]]);
+    }
+    if (!good) continue;
+    number.push_back(static_cast<uint32_t>(t / 3));
+    for (int k = 0; k < 3; ++k) {
+      whole.push_back(all_triangles[t + k]);
+      for (int axis = 0; axis < 3; ++axis) {
+        lower[axis] = std::min(lower[axis], points[whole.back()][axis]);
+        upper[axis] = std::max(upper[axis], points[whole.back()][axis]);
       }
-    for (int k = 0; k < 3; ++k) triangles.push_back(all_triangles[t + k]);
-    source.push_back(static_cast<uint32_t>(t / 3));
+    }
   }
-  if (triangles.empty()) throw Error(ErrorCode::kInput, "the mesh has no triangle with an area", "distances need a surface");
   centre = (lower + upper) * 0.5;
   diagonal = length(upper - lower);
-  solid = std::make_unique<WindingNumber>(points, triangles, executor);
-  find_normals(weld(points));
+  for (const double least : {kSliver, 0.0}) {
+    for (size_t t = 0; t < whole.size() && (least > 0 || source.empty()); t += 3) {
+      const Vec3d &a = points[whole[t]], &b = points[whole[t + 1]], &c = points[whole[t + 2]];
+      const double longest = std::sqrt(std::max({dot(b - a, b - a), dot(c - b, c - b), dot(a - c, a - c)}));
+      if (!(length(cross(b - a, c - a)) > least * diagonal * longest)) continue;
+      triangles.insert(triangles.end(), {whole[t], whole[t + 1], whole[t + 2]});
+      source.push_back(number[t / 3]);
+    }
+  }
+  if (triangles.empty()) throw Error(ErrorCode::kInput, "the mesh has no triangle with an area", "distances need a surface");
+  const std::vector<uint32_t> welded = weld(points);
+  std::vector<std::array<uint32_t, 3>> edges;
+  for (size_t c = 0; c < whole.size(); ++c) {
+    const uint32_t from = welded[whole[c]], to = welded[whole[c % 3 == 2 ? c - 2 : c + 1]];
+    if (from != to) edges.push_back({std::min(from, to), std::max(from, to), from < to});
+  }
+  std::sort(edges.begin(), edges.end());
+  for (size_t k = 0, net = 0; k < edges.size(); ++k) {
+    net += edges[k][2] ? 1 : size_t(-1);
+    if (k + 1 < edges.size() && edges[k + 1][0] == edges[k][0] && edges[k + 1][1] == edges[k][1]) continue;
+    closed = closed && net == 0;
+    net = 0;
+  }
+  solid = std::make_unique<WindingNumber>(points, whole, executor);
+  find_normals(welded);
   make_scene();
-  drop_overlaps(executor);
+  drop_overlaps(welded, executor);
 }
 
 void MeshDistance::Impl::find_normals(const std::vector<uint32_t>& welded) {
@@ -191,7 +223,6 @@ void MeshDistance::Impl::find_normals(const std::vector<uint32_t>& welded) {
       ++(edges[end].forward ? forward : backward);
       normal += face_normals[edges[end].slot / 3];
     }
-    closed = closed && forward == backward;
     const bool sure = forward == 1 && backward == 1;
     if (!sure) doubtful_vertex[edges[begin].low] = doubtful_vertex[edges[begin].high] = 1;
     for (size_t k = begin; k < end; ++k) {
@@ -220,62 +251,85 @@ int MeshDistance::Impl::ray_winding(const Vec3d& origin, const Vec3d& direction)
   return winding;
 }
 
-// True when the solid is just below `at` and not just above it, which is what makes a triangle part of the surface.
-bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at, double size) const {
-  const Vec3d normal = unit_or_zero(cross(corners[1] - corners[0], corners[2] - corners[0]));
-  const Vec3d below = at - (kOverlapOffset * size) * normal;
-  const int one = ray_winding(below, unit_or_zero(Vec3d{0.217, -0.131, 0.173} - normal));
-  if (one == 1 || one == ray_winding(below, unit_or_zero(Vec3d{-0.319, 0.273, -0.147} + normal))) return one == 1;
-  const double winding = solid->at(below);
-  return winding > 0.5 && winding < 1.5;
+// True when the solid is just below `at` and not just above it, which is what makes a triangle part of the surface. Both are asked, since two walls may
+// coincide.
+bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at) const {
+  const Vec3d across = cross(corners[1] - corners[0], corners[2] - corners[0]), normal = unit_or_zero(across);
+  const Vec3d offset = (kOverlapOffset * std::sqrt(length(across))) * normal;
+  auto winding = [&](const Vec3d& p, double side) -> double {
+    const int one = ray_winding(p, unit_or_zero(Vec3d{0.217, -0.131, 0.173} + side * normal));
+    return one == (side < 0 ? 1 : 0) || one == ray_winding(p, unit_or_zero(Vec3d{-0.319, 0.273, -0.147} - side * normal)) ? one : solid->at(p);
+  };
+  const double below = winding(at - offset, -1);
+  return below > 0.5 && below < 1.5 && winding(at + offset, 1) < 0.5;
 }
 
-void MeshDistance::Impl::quarter(const std::array<Vec3d, 3>& corners, uint32_t origin, int level, std::vector<Vec3d>& corners_out,
-                                 std::vector<uint32_t>& source_out) const {
-  const Vec3d centroid = (corners[0] + corners[1] + corners[2]) * (1.0 / 3);
-  const double size = std::sqrt(length(cross(corners[1] - corners[0], corners[2] - corners[0])));
-  int kept = on_surface(corners, centroid, size);
-  for (const Vec3d& corner : corners) kept += on_surface(corners, corner + 0.05 * (centroid - corner), size);
-  if (kept == 0) return;
+// Adds the parts of a piece that are on the surface; false when it does not come out as it went in.
+bool MeshDistance::Impl::quarter(const Piece& piece, int level, std::vector<Piece>& out) const {
+  const auto& [a, b, c] = piece.corners;
+  const Vec3d centroid = (a + b + c) * (1.0 / 3);
+  int kept = on_surface(piece.corners, centroid);
+  for (const Vec3d& corner : piece.corners) kept += on_surface(piece.corners, corner + 0.05 * (centroid - corner));
+  if (kept == 0) return false;
   if (kept == 4 || level == 0) {
-    corners_out.insert(corners_out.end(), corners.begin(), corners.end());
-    source_out.push_back(origin);
-    return;
+    out.push_back({piece.corners, piece.triangle, kept == 4});
+    return kept == 4;
   }
-  const Vec3d &a = corners[0], &b = corners[1], &c = corners[2];
   const Vec3d ab = (a + b) * 0.5, bc = (b + c) * 0.5, ca = (c + a) * 0.5;
   for (const auto& part : {std::array{a, ab, ca}, std::array{ab, b, bc}, std::array{ca, bc, c}, std::array{ab, bc, ca}})
-    quarter(part, origin, level - 1, corners_out, source_out);
+    quarter({part, piece.triangle, true}, level - 1, out);
+  return false;
 }
 
-void MeshDistance::Impl::drop_overlaps(Executor& executor) {
+void MeshDistance::Impl::drop_overlaps(const std::vector<uint32_t>& welded, Executor& executor) {
+  if (!closed) return;
   const size_t count = triangles.size() / 3;
   std::vector<uint8_t> inner(count, 0);
-  if (!closed) return;
-  auto test = [&](uint32_t t) {
-    const std::array<Vec3d, 3> corners{corner(t, 0), corner(t, 1), corner(t, 2)};
-    inner[t] = !on_surface(corners, (corners[0] + corners[1] + corners[2]) * (1.0 / 3), std::sqrt(length(cross(corners[1] - corners[0], corners[2] - corners[0]))));
-  };
-  parallel_for(executor, count, "mesh_distance_overlaps", test);
+  parallel_for(executor, count, "mesh_distance_overlaps", [&](uint32_t t) {
+    inner[t] = !on_surface({corner(t, 0), corner(t, 1), corner(t, 2)}, (corner(t, 0) + corner(t, 1) + corner(t, 2)) * (1.0 / 3));
+  });
   overlapping = std::find(inner.begin(), inner.end(), 1) != inner.end();
   if (!overlapping) return;
 
-  std::vector<Vec3d> corners_out;
-  std::vector<uint32_t> source_out;
-  for (size_t t = 0; t < count; ++t) quarter({corner(t, 0), corner(t, 1), corner(t, 2)}, source[t], kOverlapLevels, corners_out, source_out);
-  if (source_out.empty()) {  // no volume at all, a closed sheet: keep it as it is
+  std::vector<std::vector<Piece>> parts(count);
+  parallel_for(executor, count, "mesh_distance_pieces", [&](uint32_t t) {
+    inner[t] = !quarter({{corner(t, 0), corner(t, 1), corner(t, 2)}, t, true}, kOverlapLevels, parts[t]);
+  }, 16);
+  std::vector<uint8_t> torn(points.size(), 0);  // vertices where the surface is no longer the mesh's
+  for (size_t t = 0; t < count; ++t)
+    for (int k = 0; k < 3; ++k)
+      if (inner[t]) torn[welded[triangles[3 * t + k]]] = 1;
+  std::vector<Vec3d> new_points, new_faces, new_corners, new_edges;
+  std::vector<uint32_t> new_source;
+  std::vector<uint8_t> new_doubt;
+  for (size_t t = 0; t < count; ++t)
+    for (const Piece& piece : parts[t]) {
+      new_points.insert(new_points.end(), piece.corners.begin(), piece.corners.end());
+      new_faces.push_back(face_normals[t]);
+      new_source.push_back(source[t]);
+      uint8_t doubt = inner[t] ? 0x3f : doubtful[t];
+      if (!piece.clean) doubt = 0x7f;
+      for (int k = 0; k < 3; ++k) {
+        const bool here = torn[welded[triangles[3 * t + k]]], next = torn[welded[triangles[3 * t + (k + 1) % 3]]];
+        doubt |= static_cast<uint8_t>((here ? 1u << k : 0u) | (here && next ? 8u << k : 0u));
+        new_corners.push_back(corner_normals[3 * t + k]);
+        new_edges.push_back(edge_normals[3 * t + k]);
+      }
+      new_doubt.push_back(doubt);
+    }
+  if (new_source.empty()) {  // no volume at all, a closed sheet: keep it as it is
     overlapping = false;
     doubtful.assign(count, 0x7f);
     return;
   }
-  points = std::move(corners_out);
-  source = std::move(source_out);
+  points = std::move(new_points);
+  source = std::move(new_source);
+  face_normals = std::move(new_faces);
+  corner_normals = std::move(new_corners);
+  edge_normals = std::move(new_edges);
+  doubtful = std::move(new_doubt);
   triangles.resize(points.size());
   for (uint32_t k = 0; k < triangles.size(); ++k) triangles[k] = k;
-  face_normals.resize(source.size());
-  for (size_t t = 0; t < source.size(); ++t) face_normals[t] = unit_or_zero(cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0)));
-  corner_normals = edge_normals = {};
-  doubtful.assign(source.size(), 0x3f);
   make_scene();
 }
 
@@ -371,7 +425,7 @@ SignedDistance MeshDistance::Impl::with_sign(const Nearest& nearest) const {
   if (!doubt && feature >= 3 && feature < 6) pseudo = edge_normals[3 * t + feature - 3];
   const double above = dot(away, pseudo);
   bool inside = above < 0;
-  if (distance > 1e-12 * diagonal && (doubt || overlapping || (feature < 6 && std::abs(above) < kGrazing * distance))) inside = solid->at(nearest.p) > 0.5;
+  if (distance > 1e-12 * diagonal && (doubt || (feature < 6 && std::abs(above) < kGrazing * distance))) inside = solid->at(nearest.p) > 0.5;
   result.distance = inside ? -distance : distance;
   result.point = nearest.at.point;
   result.normal = distance > 1e-9 * diagonal ? away * (1 / result.distance) : pseudo;

@@ -109,6 +109,24 @@ TEST(ClosedMesh, ClosesOpenings) {
   EXPECT_NEAR(winding(mesh, {0, 0.8, 0}), 0, 1e-9);
 }
 
+TEST(ClosedMesh, ClosesTheSeamOfADroppedFlatTriangleWithoutAWord) {
+  // A box whose top has a T-junction: the flat triangle that joined its sides is missing, as in a mesh whose degenerate faces were left out.
+  const std::vector<Vec3f> points{{0, 0, 0}, {1, 0, 0}, {1, 0, 1}, {0, 0, 1}, {0, 1, 0}, {1, 1, 0}, {1, 1, 1}, {0, 1, 1}, {0.5f, 1, 0}};
+  const std::vector<uint32_t> triangles{0, 1, 2, 0, 2, 3,              // bottom
+                                        4, 7, 6, 4, 6, 8, 8, 6, 5,     // top, which knows vertex 8
+                                        0, 4, 5, 0, 5, 1,              // back, which does not
+                                        1, 5, 6, 1, 6, 2, 2, 6, 7, 2, 7, 3, 3, 7, 4, 3, 4, 0};
+  const ClosedMesh mesh = knead::close_mesh(points, triangles);
+  EXPECT_TRUE(closed_as_a_chain(mesh));
+  EXPECT_EQ(mesh.assumptions(), "");
+  const knead::MeshDistance distance(std::span<const Vec3f>(mesh.points), mesh.triangles);
+  EXPECT_TRUE(distance.closed());
+  EXPECT_FALSE(distance.overlapping());
+  EXPECT_NEAR(distance.signed_distance({0.5, 0.9, 0.2}).distance, -0.1, 1e-9);
+  EXPECT_NEAR(distance.signed_distance({0.5, 0.9, 0.05}).distance, -0.05, 1e-9);
+  EXPECT_NEAR(distance.signed_distance({0.5, 1.1, -0.1}).distance, std::sqrt(0.02), 1e-9);
+}
+
 TEST(ClosedMesh, WeldsASoupOfTriangles) {
   const knead::Surface box = knead::make_box({1, 1, 1}, 4);
   ClosedMeshInput input(box);

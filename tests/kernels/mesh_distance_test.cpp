@@ -119,6 +119,16 @@ TEST(MeshDistance, KeepsACavityOpen) {
   EXPECT_NEAR(mesh.signed_distance({0.75, 0, 0}).distance, -0.25, 0.01);
 }
 
+TEST(MeshDistance, IgnoresWallsInsideTheSolid) {
+  DistanceSoup soup;  // two boxes that share a whole face, both with their own copy of it
+  soup.add(knead::make_box({1, 1, 1}, 2), {-0.5f, 0, 0});
+  soup.add(knead::make_box({1, 1, 1}, 2), {0.5f, 0, 0});
+  const MeshDistance mesh = soup.distance();
+  EXPECT_NEAR(mesh.signed_distance({0, 0, 0}).distance, -0.5, 1e-9);
+  EXPECT_NEAR(mesh.signed_distance({0.1, 0.3, 0}).distance, -0.2, 1e-9);
+  EXPECT_NEAR(mesh.signed_distance({0.01, 0.7, 0}).distance, 0.2, 1e-9);
+}
+
 TEST(MeshDistance, SeesThroughDuplicateVertices) {
   const knead::Surface sphere = knead::make_sphere(1, 3);
   DistanceSoup soup;
