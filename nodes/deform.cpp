@@ -35,7 +35,7 @@ parameters:
   split_pieces: {default: false, doc: "keep apart what is closer than a cell, such as lips or fingers"}
   lattice: {default: barycentric, doc: "coordinates of M in the tet mesh: barycentric, trilinear or mean_value"}
   stiffness: {default: 0.5, doc: "0 soft: the dent stays local; 1 stiff: the whole body gives way"}
-  relaxation: {default: 0.35, doc: "part of the volume step that is taken; more than 0.4 may not settle"}
+  relaxation: {default: 0.4, doc: "part of the volume step that is taken, on the mean over the sweeps; half and more does not settle"}
   hold: {default: 0.002, doc: "pull to rest in every iteration"}
   margin: {default: 0, doc: "distance to keep from the colliders, world units"}
   max_iterations: {default: 250, doc: "after which the loop ends in any case"}
