@@ -135,7 +135,9 @@ size_t name_start(const std::string& path) {
 
 }  // namespace
 
-bool has_frame_pattern(const std::string& path) { return path.find('#', name_start(path)) != std::string::npos; }
+bool has_frame_pattern(const std::string& path) {
+  return path.find('#', name_start(path)) != std::string::npos;
+}
 
 std::string frame_path(const std::string& path, int frame) {
   std::string result;
@@ -151,7 +153,9 @@ std::string frame_path(const std::string& path, int frame) {
   return result.append(path, done);
 }
 
-std::string read_whole_file(const std::string& path) { return read_all(OpenFile(path), path); }
+std::string read_whole_file(const std::string& path) {
+  return read_all(OpenFile(path), path);
+}
 
 Key file_content_key(const std::string& path) {
   static std::mutex mutex;
@@ -197,7 +201,8 @@ WholeFile::WholeFile(std::string path) : path_(std::move(path)) {
     fs::create_directories(folder, error);
     if (error) fail("written: its folder cannot be made", error.value());
   }
-  const std::string suffix = std::string(".") + std::to_string(::getpid()) + std::string(".") + std::to_string(counter.fetch_add(1)) + std::string(".part");
+  const std::string suffix =
+      std::string(".") + std::to_string(::getpid()) + std::string(".") + std::to_string(counter.fetch_add(1)) + std::string(".part");
   temporary_ = (target.parent_path() / (std::string(".") + target.filename().string().substr(0, 200) + suffix)).string();
   file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file_ < 0) {

@@ -20,7 +20,11 @@ Format format_of(const std::string& name) {
   const size_t dot = name.rfind('.');
   std::string ending = dot == std::string::npos || name.find('/', dot) != std::string::npos ? "" : name.substr(dot);
   for (char& c : ending) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return ending == ".obj" ? Format::kObj : ending == ".ply" ? Format::kPly : ending == ".stl" ? Format::kStl : ending == ".off" ? Format::kOff : Format::kUnknown;
+  return ending == ".obj"   ? Format::kObj
+         : ending == ".ply" ? Format::kPly
+         : ending == ".stl" ? Format::kStl
+         : ending == ".off" ? Format::kOff
+                            : Format::kUnknown;
 }
 
 struct Box {
@@ -34,8 +38,8 @@ struct Box {
 
 constexpr double kFarInDiagonals = 8;
 
-// What to take off the points: nothing, or the centre rounded to about a quarter of the diagonal. A round number, since then the sum of it and of a float
-// point is exact in double, and small changes of the points do not change it.
+// What to take off the points: nothing, or the centre rounded to about a quarter of the diagonal. A round number, since then the sum of it and of a
+// float point is exact in double, and small changes of the points do not change it.
 Vec3d offset_for(const Box& box) {
   const double diagonal = box.diagonal();
   const Vec3d centre = box.centre();
@@ -44,7 +48,8 @@ Vec3d offset_for(const Box& box) {
   return {std::round(centre.x / grain) * grain, std::round(centre.y / grain) * grain, std::round(centre.z / grain) * grain};
 }
 
-// The offset that reading the written points again would choose as well. Rounding to float moves the box by parts in 10^7, so one step nearly always settles it.
+// The offset that reading the written points again would choose as well. Rounding to float moves the box by parts in 10^7, so one step nearly always
+// settles it.
 Vec3d stable_offset(std::span<const Vec3d> points, const std::vector<uint8_t>& used) {
   Box box;
   for (size_t i = 0; i < points.size(); ++i)
@@ -83,12 +88,14 @@ void weld_vertices(std::vector<Vec3f>& points, RawMesh& raw) {
 void check_polygons(const MeshTopology& topology, size_t vertices, const std::string& name) {
   if (vertices == 0) throw Error(ErrorCode::kInput, in_file(name), "holds no vertices", "give a mesh with faces");
   if (topology.faces() == 0)
-    throw Error(ErrorCode::kInput, in_file(name), "holds " + counted(vertices, "vertex", "vertices") + " but no faces", "give a mesh with faces, not a point cloud");
+    throw Error(ErrorCode::kInput, in_file(name), "holds " + counted(vertices, "vertex", "vertices") + " but no faces",
+                "give a mesh with faces, not a point cloud");
   for (size_t f = 0; f < topology.faces(); ++f)
     for (uint32_t c = topology.face_offsets[f]; c < topology.face_offsets[f + 1]; ++c)
       if (topology.face_vertices[c] >= vertices)
-        throw Error(ErrorCode::kInput, in_file(name), "face " + std::to_string(f) + " refers to vertex " + std::to_string(topology.face_vertices[c]) + ", but there are only " +
-                    counted(vertices, "vertex", "vertices"));
+        throw Error(ErrorCode::kInput, in_file(name),
+                    "face " + std::to_string(f) + " refers to vertex " + std::to_string(topology.face_vertices[c]) + ", but there are only " +
+                        counted(vertices, "vertex", "vertices"));
 }
 
 void warn_of_triangulation(const TriangulationNotes& notes, std::vector<std::string>& warnings) {
@@ -97,7 +104,8 @@ void warn_of_triangulation(const TriangulationNotes& notes, std::vector<std::str
                        (notes.repeated_corners ? " (" + std::to_string(notes.repeated_corners) + " of them with a repeated corner)" : "") +
                        "; kept in the polygons, left out of contact, volume and inside tests");
   if (notes.tangled_faces > 0)
-    warnings.push_back(counted(notes.tangled_faces, "polygon is", "polygons are") + " self-crossing or strongly bent; cut into triangles as well as can be");
+    warnings.push_back(counted(notes.tangled_faces, "polygon is", "polygons are") +
+                       " self-crossing or strongly bent; cut into triangles as well as can be");
 }
 
 Surface surface_from(RawMesh raw, const ReadMeshOptions& options, const std::string& name, std::vector<std::string>& warnings) {
@@ -121,7 +129,8 @@ Surface surface_from(RawMesh raw, const ReadMeshOptions& options, const std::str
 
   warn_of_triangulation(triangulate(points, raw.topology), warnings);
   if (raw.topology.triangles.empty())
-    throw Error(ErrorCode::kInput, in_file(name), "none of its " + counted(raw.topology.faces(), "face", "faces") + " has any area", "check the vertex positions");
+    throw Error(ErrorCode::kInput, in_file(name), "none of its " + counted(raw.topology.faces(), "face", "faces") + " has any area",
+                "check the vertex positions");
   Box box;
   for (uint32_t v : raw.topology.face_vertices) box.add(to_double(points[v]));
   surface.lower = to_float(box.lower);
@@ -155,7 +164,8 @@ std::vector<uint32_t> mesh::first_at_same_place(std::span<const Vec3f> points) {
       hash ^= hash >> 29;
     }
     size_t slot = hash & (slots - 1);
-    while (table[slot] != UINT32_MAX && !(points[table[slot]].x == p.x && points[table[slot]].y == p.y && points[table[slot]].z == p.z)) slot = (slot + 1) & (slots - 1);
+    while (table[slot] != UINT32_MAX && !(points[table[slot]].x == p.x && points[table[slot]].y == p.y && points[table[slot]].z == p.z))
+      slot = (slot + 1) & (slots - 1);
     if (table[slot] == UINT32_MAX) table[slot] = i;
     first[i] = table[slot];
   }
@@ -199,7 +209,9 @@ Surface read_surface(const std::string& path, const ReadMeshOptions& options, st
   return parse_surface(read_whole_file(path), path, options, warnings);
 }
 
-Surface read_surface(const std::string& path, std::vector<std::string>& warnings) { return read_surface(path, {}, warnings); }
+Surface read_surface(const std::string& path, std::vector<std::string>& warnings) {
+  return read_surface(path, {}, warnings);
+}
 
 std::string format_surface(const std::string& name, const Surface& surface, const WriteMeshOptions& options, std::vector<std::string>& notes) {
   check_writable_mesh_name(name);

@@ -1,4 +1,4 @@
-// What is unusual about a surface as the border of a solid, by its polygons alone (self-intersections are not looked for).
+// What is unusual about a surface as the border of a solid.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -6,6 +6,7 @@
 #include <tuple>
 #include <utility>
 
+#include "io/mesh_crossings.h"
 #include "io/mesh_parts.h"
 
 namespace knead {
@@ -32,10 +33,10 @@ class UnionFind {
 
 // A polygon's edge as seen from its smaller end.
 struct HalfEdge {
-  uint32_t other;         // the larger end
-  uint32_t low_corner;    // the polygon's corner at the smaller end, and at the larger one
+  uint32_t other;       // the larger end
+  uint32_t low_corner;  // the polygon's corner at the smaller end, and at the larger one
   uint32_t high_corner;
-  bool forward;           // runs from the smaller end to the larger
+  bool forward;  // runs from the smaller end to the larger
 };
 
 struct Findings {
@@ -109,7 +110,8 @@ void examine_pieces(const Surface& surface, Findings& found) {
   const auto points = surface.points.host();
   UnionFind pieces(points.size());
   for (size_t face = 0; face < topology.faces(); ++face)
-    for (uint32_t c = topology.face_offsets[face] + 1; c < topology.face_offsets[face + 1]; ++c) pieces.join(topology.face_vertices[c - 1], topology.face_vertices[c]);
+    for (uint32_t c = topology.face_offsets[face] + 1; c < topology.face_offsets[face + 1]; ++c)
+      pieces.join(topology.face_vertices[c - 1], topology.face_vertices[c]);
   const Vec3d centre = 0.5 * (to_double(surface.lower) + to_double(surface.upper));
   std::vector<double> volumes(points.size(), 0);
   for (size_t t = 0; t < topology.triangle_count(); ++t) {
@@ -156,23 +158,34 @@ std::vector<std::string> describe_problems(const Surface& surface) {
     problems.push_back(counted(found.duplicates, "vertex lies", "vertices lie") + " exactly where another does" +
                        (found.boundary_edges > 0 ? "; faces that only touch there are taken as not joined (weld: true joins them)" : ""));
   if (found.boundary_edges > 0)
-    problems.push_back("open: " + counted(found.boundary_edges, "boundary edge", "boundary edges") + "; the inside is taken from the generalised winding number");
+    problems.push_back("open: " + counted(found.boundary_edges, "boundary edge", "boundary edges") +
+                       "; the inside is taken from the generalised winding number");
   if (found.crowded_edges > 0)
-    problems.push_back("non-manifold: " + counted(found.crowded_edges, "edge has", "edges have") + " more than two faces; the inside is taken from the generalised winding number");
+    problems.push_back("non-manifold: " + counted(found.crowded_edges, "edge has", "edges have") +
+                       " more than two faces; the inside is taken from the generalised winding number");
   if (found.pinched_vertices > 0)
-    problems.push_back("non-manifold: " + counted(found.pinched_vertices, "vertex joins", "vertices join") + " parts of the surface that share no edge; they move as one there");
+    problems.push_back("non-manifold: " + counted(found.pinched_vertices, "vertex joins", "vertices join") +
+                       " parts of the surface that share no edge; they move as one there");
   const double cube = std::pow(surface.placement.scale, 3);
   const bool oriented = found.disagreeing_edges == 0 && found.crowded_edges == 0;
   const bool inside_out = oriented && found.volume < (found.boundary_edges == 0 ? 0 : -1e-3 * found.box_volume);
   if (found.disagreeing_edges > 0)
-    problems.push_back("inconsistent orientation: " + counted(found.disagreeing_edges, "edge has", "edges have") +
-                       " faces that disagree about which side is out; the inside is a guess there, so make the normals consistent where the mesh was made");
+    problems.push_back(
+        "inconsistent orientation: " + counted(found.disagreeing_edges, "edge has", "edges have") +
+        " faces that disagree about which side is out; the inside is a guess there, so make the normals consistent where the mesh was made");
   if (inside_out)
-    problems.push_back("inside-out: the signed volume is " + rounded(found.volume * cube) + "; the enclosed side is taken as the inside all the same");
+    problems.push_back("inside-out: the signed volume is " + rounded(found.volume * cube) +
+                       "; the enclosed side is taken as the inside all the same");
+  if (const mesh::Crossings crossings = mesh::count_crossings(surface); crossings.pairs > 0)
+    problems.push_back("self-intersecting: " + std::string(crossings.complete ? "" : "at least ") +
+                       counted(crossings.pairs, "pair of triangles passes through one another", "pairs of triangles pass through one another") +
+                       "; parts that overlap share tets and move as one");
   if (found.pieces > 1) {
     const bool cavities = oriented && !inside_out && found.boundary_edges == 0 && found.inverted_pieces > 0;
     problems.push_back(std::to_string(found.pieces) + " separate pieces" +
-                       (cavities ? ", " + counted(found.inverted_pieces, "of them turned inwards and taken as a cavity", "of them turned inwards and taken as cavities") : "") +
+                       (cavities ? ", " + counted(found.inverted_pieces, "of them turned inwards and taken as a cavity",
+                                                  "of them turned inwards and taken as cavities")
+                                 : "") +
                        "; each deforms with the tets it lies in");
   }
   return problems;

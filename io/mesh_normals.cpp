@@ -16,8 +16,7 @@ namespace {
 std::vector<int32_t> first_of_equal(const std::vector<Vec3f>& pool) {
   std::map<std::tuple<float, float, float>, int32_t> first;
   std::vector<int32_t> result(pool.size());
-  for (size_t i = 0; i < pool.size(); ++i)
-    result[i] = first.try_emplace({pool[i].x, pool[i].y, pool[i].z}, static_cast<int32_t>(i)).first->second;
+  for (size_t i = 0; i < pool.size(); ++i) result[i] = first.try_emplace({pool[i].x, pool[i].y, pool[i].z}, static_cast<int32_t>(i)).first->second;
   return result;
 }
 
@@ -56,7 +55,8 @@ CornerNormals recomputed(const Surface& surface) {
 }  // namespace
 
 CornerNormals normals_to_write(const Surface& surface, const WriteMeshOptions& options) {
-  if (!surface.attributes || surface.attributes->normals.empty() || surface.attributes->corner_normal.size() != surface.topology->corners()) return {};
+  if (!surface.attributes || surface.attributes->normals.empty() || surface.attributes->corner_normal.size() != surface.topology->corners())
+    return {};
   const auto points = surface.points.host();
   const bool fresh = !options.recompute_normals && surface.attributes->normals_of == Hasher().bytes(points.data(), points.size_bytes()).key();
   CornerNormals result = fresh ? CornerNormals{surface.attributes->normals, surface.attributes->corner_normal} : recomputed(surface);

@@ -1,5 +1,5 @@
-// Wavefront OBJ, reading. Kept: v with colours, vt (u v), vn, n-gons, g, o, usemtl, and mtllib as text (the library itself is not opened). Left out with a
-// warning: points, lines, curves and free-form surfaces. Silently left out: smoothing and display statements.
+// Wavefront OBJ, reading. Kept: v with colours, vt (u v), vn, n-gons, g, o, usemtl, and mtllib as text (the library itself is not opened). Left out
+// with a warning: points, lines, curves and free-form surfaces. Silently left out: smoothing and display statements.
 //
 // Why not tinyobjloader (as Debian 12 ships it), which was tried first on the files that tests/io/mesh_formats_test.cpp and mesh_parse_test.cpp use:
 //   - "v 1 one 0", "v nan nan nan" and "v inf 0 0" are read as zeros, without an error or a warning;
@@ -71,8 +71,9 @@ class ObjReader {
     }
     for (const char* other : {"p", "l", "curv", "curv2", "surf", "vp"})
       if (keyword == other) return void(++not_faces_);
-    for (const char* other : {"s", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp", "end", "con", "mg", "bevel", "c_interp", "d_interp", "lod", "maplib",
-                              "usemap", "shadow_obj", "trace_obj", "ctech", "stech", "call", "csh", "bsp", "bzp", "cdc", "cdp", "res", "vc"})
+    for (const char* other : {"s",     "cstype", "deg",   "bmat",     "step",     "parm", "trim",   "hole",   "scrv",       "sp",        "end",
+                              "con",   "mg",     "bevel", "c_interp", "d_interp", "lod",  "maplib", "usemap", "shadow_obj", "trace_obj", "ctech",
+                              "stech", "call",   "csh",   "bsp",      "bzp",      "cdc",  "cdp",    "res",    "vc"})
       if (keyword == other) return;
     text_.fail(shown(keyword) + " is no OBJ statement", "mend the line, or begin it with # to leave it out");
   }
@@ -127,10 +128,12 @@ class ObjReader {
     const auto count = static_cast<int64_t>(so_far);
     if (index == 0) text_.fail(std::string("a face refers to ") + kind + " 0; OBJ counts from 1", "export the mesh again, or add 1 to every index");
     if (index < -count)
-      text_.fail(std::string("a face refers to ") + kind + " " + std::to_string(index) + ", counted back from here, but there are only " + std::to_string(count) + " so far");
+      text_.fail(std::string("a face refers to ") + kind + " " + std::to_string(index) + ", counted back from here, but there are only " +
+                 std::to_string(count) + " so far");
     if (index < 0) return count + index;
     if (index > count) {
-      if (index > INT32_MAX) text_.fail(std::string("a face refers to ") + kind + " " + std::to_string(index) + ", which is more than a mesh can have");
+      if (index > INT32_MAX)
+        text_.fail(std::string("a face refers to ") + kind + " " + std::to_string(index) + ", which is more than a mesh can have");
       forward_.push_back({index, text_.line(), kind});
     }
     return index - 1;
@@ -170,7 +173,9 @@ class ObjReader {
   void check_forward_references() const {
     for (const Reference& r : forward_) {
       const std::string kind = r.kind;
-      const size_t there = kind == "vertex" ? mesh_.points.size() : kind == "normal" ? mesh_.attributes.normals.size() : mesh_.attributes.texture_coordinates.size();
+      const size_t there = kind == "vertex"   ? mesh_.points.size()
+                           : kind == "normal" ? mesh_.attributes.normals.size()
+                                              : mesh_.attributes.texture_coordinates.size();
       if (static_cast<size_t>(r.index) > there)
         text_.fail_at_line(r.line, "a face refers to " + kind + " " + std::to_string(r.index) + ", but the file has only " + std::to_string(there),
                            "the file is damaged or cut short; export it again");
@@ -193,7 +198,9 @@ class ObjReader {
     attributes.objects = std::move(objects_.list), attributes.face_object = std::move(objects_.faces);
     attributes.materials = std::move(materials_.list), attributes.face_material = std::move(materials_.faces);
     attribute_numbers_.warn("normals, texture coordinates and colours", warnings);
-    if (not_faces_ > 0) warnings.push_back(counted(not_faces_, "point, line or curve statement", "point, line and curve statements") + " left out: only faces make a surface");
+    if (not_faces_ > 0)
+      warnings.push_back(counted(not_faces_, "point, line or curve statement", "point, line and curve statements") +
+                         " left out: only faces make a surface");
   }
 
   TextReader text_;
@@ -210,6 +217,8 @@ class ObjReader {
 
 }  // namespace
 
-RawMesh read_obj(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings) { return ObjReader(bytes, name).read(warnings); }
+RawMesh read_obj(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings) {
+  return ObjReader(bytes, name).read(warnings);
+}
 
 }  // namespace knead::mesh

@@ -10,7 +10,8 @@ namespace {
 // One of g, o, usemtl: a statement where the name changes from one face to the next.
 class NameStatements {
  public:
-  NameStatements(const char* keyword, const std::vector<std::string>& names, const std::vector<int32_t>& faces) : keyword_(keyword), names_(names), faces_(faces) {}
+  NameStatements(const char* keyword, const std::vector<std::string>& names, const std::vector<int32_t>& faces)
+      : keyword_(keyword), names_(names), faces_(faces) {}
   void before_face(size_t face, TextWriter& out) {
     if (face >= faces_.size() || faces_[face] == current_ || faces_[face] < 0) return;
     current_ = faces_[face];

@@ -45,8 +45,8 @@ class TextReader {
   bool next_line();       // false at the end
   bool next_full_line();  // skips blank lines and those that start with '#'
   bool line_is_over() { return skip_blanks(), at_ == line_end_; }
-  std::string_view word();       // empty when the line is over
-  std::string_view rest();       // of the line, without blanks at its ends
+  std::string_view word();          // empty when the line is over
+  std::string_view rest();          // of the line, without blanks at its ends
   double number(const char* what);  // "a coordinate"; infinities and nan are returned, not refused
   int64_t integer(const char* what);
   bool take(char c) { return at_ < line_end_ && *at_ == c ? (++at_, true) : false; }
@@ -119,7 +119,7 @@ class AttributeNumbers {
   size_t bad_ = 0;
 };
 
-std::string shown(std::string_view text);  // at most 40 printable characters, quoted
+std::string shown(std::string_view text);                                 // at most 40 printable characters, quoted
 std::string counted(size_t n, const char* singular, const char* plural);  // "1 face", "3 faces"
 
 // The normals to write for `surface`: its own while they belong to its points, else recomputed. Empty vectors when it has none.
@@ -129,8 +129,8 @@ struct CornerNormals {
 };
 CornerNormals normals_to_write(const Surface& surface, const WriteMeshOptions& options);
 
-// Per-vertex form of per-corner values, for formats that have no corners: the pool index of each vertex, or empty when some vertex has several different
-// ones (a seam, a hard edge). `same(i, j)` compares pool entries.
+// Per-vertex form of per-corner values, for formats that have no corners: the pool index of each vertex, or empty when some vertex has several
+// different ones (a seam, a hard edge). `same(i, j)` compares pool entries.
 template <class Same>
 std::vector<int32_t> by_vertex(const MeshTopology& topology, const std::vector<int32_t>& corner_values, size_t vertices, Same same) {
   std::vector<int32_t> result(vertices, -1);

@@ -1,11 +1,11 @@
 // Stanford PLY, reading: ascii, binary little and big endian, any order of elements and properties. Kept: x y z, nx ny nz, colours (whole numbers or
-// floats), texture coordinates by vertex (s t, u v, texture_u texture_v) or by face corner (a list `texcoord`, as MeshLab writes), and faces of any number of
-// corners. Other properties and elements are stepped over. No PLY library is packaged for Debian.
+// floats), texture coordinates by vertex (s t, u v, texture_u texture_v) or by face corner (a list `texcoord`, as MeshLab writes), and faces of any
+// number of corners. Other properties and elements are stepped over. No PLY library is packaged for Debian.
+#include "io/mesh_ply.h"
+
 #include <algorithm>
 #include <bit>
 #include <cstring>
-
-#include "io/mesh_ply.h"
 
 namespace knead::mesh {
 
@@ -13,7 +13,9 @@ namespace {
 
 using namespace ply;
 
-int64_t whole(double v) { return v > -9e15 && v < 9e15 ? static_cast<int64_t>(v) : -1; }
+int64_t whole(double v) {
+  return v > -9e15 && v < 9e15 ? static_cast<int64_t>(v) : -1;
+}
 
 // Values one after the other, whatever the encoding.
 class AsciiValues {
@@ -21,7 +23,8 @@ class AsciiValues {
   explicit AsciiValues(TextReader& text) : text_(text) {}
   void begin(const Element& element, size_t index) {
     if (!text_.next_full_line())
-      text_.fail("the file ends at " + element.name + " " + std::to_string(index) + " of " + std::to_string(element.count), "the file is damaged or cut short");
+      text_.fail("the file ends at " + element.name + " " + std::to_string(index) + " of " + std::to_string(element.count),
+                 "the file is damaged or cut short");
   }
   void end() {
     if (!text_.line_is_over()) text_.fail("the line has more values than the header announces");
@@ -80,7 +83,9 @@ class BinaryValues {
   }
 
  private:
-  std::string place() const { return element_ ? element_->name + " " + std::to_string(index_) + " of " + std::to_string(element_->count) + ": " : ""; }
+  std::string place() const {
+    return element_ ? element_->name + " " + std::to_string(index_) + " of " + std::to_string(element_->count) + ": " : "";
+  }
   [[noreturn]] void fail_short() const {
     throw Error(ErrorCode::kFile, in_file(name_), place() + "the file ends here", "the file is damaged or cut short; export or copy it again");
   }
@@ -117,7 +122,8 @@ class PlyBody {
         step_over(element);
     }
     bad_.raise(name_);
-    if (values_.left() != SIZE_MAX && values_.left() > 0) warnings.push_back(counted(values_.left(), "byte follows", "bytes follow") + " the mesh; left out");
+    if (values_.left() != SIZE_MAX && values_.left() > 0)
+      warnings.push_back(counted(values_.left(), "byte follows", "bytes follow") + " the mesh; left out");
     finish(warnings);
     return std::move(mesh_);
   }
@@ -127,11 +133,13 @@ class PlyBody {
   void check_size(const Element& element) const {
     size_t least = 0;
     for (const Property& p : element.properties) least += Values::least_bytes(p.list ? *p.list : p.type);
-    if (element.properties.empty() && element.count > 0) throw Error(ErrorCode::kFile, in_file(name_), "the element '" + element.name + "' has no properties");
+    if (element.properties.empty() && element.count > 0)
+      throw Error(ErrorCode::kFile, in_file(name_), "the element '" + element.name + "' has no properties");
     // The last line of a text file may lack its end.
     if (element.count > 0 && element.count > (body_bytes_ + 1) / least)
       throw Error(ErrorCode::kFile, in_file(name_),
-                  "the header announces " + std::to_string(element.count) + " of '" + element.name + "', but the " + std::to_string(body_bytes_) + " bytes that follow cannot hold them",
+                  "the header announces " + std::to_string(element.count) + " of '" + element.name + "', but the " + std::to_string(body_bytes_) +
+                      " bytes that follow cannot hold them",
                   "the file is damaged or cut short; export or copy it again");
     if (element.count > INT32_MAX) throw Error(ErrorCode::kFile, in_file(name_), "has more than 2,147,483,647 of '" + element.name + "'");
   }
@@ -139,7 +147,8 @@ class PlyBody {
   size_t list_length(const Property& property) {
     const int64_t length = values_.integer(*property.list);
     if (length < 0) values_.fail("a list of negative length");
-    if (static_cast<size_t>(length) > body_bytes_ || static_cast<size_t>(length) * Values::least_bytes(property.type) > std::max(values_.left(), size_t{1}))
+    if (static_cast<size_t>(length) > body_bytes_ ||
+        static_cast<size_t>(length) * Values::least_bytes(property.type) > std::max(values_.left(), size_t{1}))
       values_.fail("a list of " + std::to_string(length) + " entries, more than the file holds");
     return static_cast<size_t>(length);
   }
@@ -178,7 +187,8 @@ class PlyBody {
         } else if (p.use == Use::kTexture && texture) {
           attributes.texture_coordinates[i][static_cast<size_t>(p.part)] = numbers_.clean(values_.number(p.type));
         } else if (p.use == Use::kColour && colours) {
-          attributes.vertex_colours[i][static_cast<size_t>(p.part)] = static_cast<float>(numbers_.clean(values_.number(p.type)) / kWholeColour[static_cast<size_t>(p.type)]);
+          attributes.vertex_colours[i][static_cast<size_t>(p.part)] =
+              static_cast<float>(numbers_.clean(values_.number(p.type)) / kWholeColour[static_cast<size_t>(p.type)]);
         } else {
           skip(p);
         }
@@ -241,8 +251,8 @@ class PlyBody {
     MeshAttributes& attributes = mesh_.attributes;
     if (topology.faces() > 0 && static_cast<size_t>(largest_.vertex) >= mesh_.points.size())
       throw Error(ErrorCode::kFile, in_file(name_, largest_.line),
-                  "face " + std::to_string(largest_.face) + " refers to vertex " + std::to_string(largest_.vertex) + ", but the file has only " + std::to_string(mesh_.points.size()) +
-                      " (counted from 0)",
+                  "face " + std::to_string(largest_.face) + " refers to vertex " + std::to_string(largest_.vertex) + ", but the file has only " +
+                      std::to_string(mesh_.points.size()) + " (counted from 0)",
                   "the file is damaged; export it again");
     const std::vector<int32_t> corners(topology.face_vertices.begin(), topology.face_vertices.end());
     if (vertex_normals_) attributes.corner_normal = corners;

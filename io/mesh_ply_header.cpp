@@ -9,9 +9,10 @@ namespace {
 
 std::optional<Type> type_named(std::string_view name) {
   static constexpr std::pair<std::string_view, Type> kNames[] = {
-      {"char", Type::kInt8},    {"int8", Type::kInt8},   {"uchar", Type::kUint8},    {"uint8", Type::kUint8},   {"short", Type::kInt16},   {"int16", Type::kInt16},
-      {"ushort", Type::kUint16}, {"uint16", Type::kUint16}, {"int", Type::kInt32},  {"int32", Type::kInt32},  {"uint", Type::kUint32}, {"uint32", Type::kUint32},
-      {"float", Type::kFloat},  {"float32", Type::kFloat}, {"double", Type::kDouble}, {"float64", Type::kDouble}};
+      {"char", Type::kInt8},   {"int8", Type::kInt8},     {"uchar", Type::kUint8},   {"uint8", Type::kUint8},
+      {"short", Type::kInt16}, {"int16", Type::kInt16},   {"ushort", Type::kUint16}, {"uint16", Type::kUint16},
+      {"int", Type::kInt32},   {"int32", Type::kInt32},   {"uint", Type::kUint32},   {"uint32", Type::kUint32},
+      {"float", Type::kFloat}, {"float32", Type::kFloat}, {"double", Type::kDouble}, {"float64", Type::kDouble}};
   for (const auto& [known, type] : kNames)
     if (known == name) return type;
   return {};
@@ -23,11 +24,18 @@ void find_use(const std::string& element, Property& property) {
     Use use;
     int part;
   };
-  static constexpr Known kOfVertex[] = {{"x", Use::kPosition, 0}, {"y", Use::kPosition, 1}, {"z", Use::kPosition, 2}, {"nx", Use::kNormal, 0}, {"ny", Use::kNormal, 1}, {"nz", Use::kNormal, 2},
-                                        {"s", Use::kTexture, 0}, {"t", Use::kTexture, 1}, {"u", Use::kTexture, 0}, {"v", Use::kTexture, 1}, {"texture_u", Use::kTexture, 0}, {"texture_v", Use::kTexture, 1},
-                                        {"red", Use::kColour, 0}, {"green", Use::kColour, 1}, {"blue", Use::kColour, 2}, {"alpha", Use::kColour, 3},
-                                        {"r", Use::kColour, 0}, {"g", Use::kColour, 1}, {"b", Use::kColour, 2}, {"a", Use::kColour, 3},
-                                        {"diffuse_red", Use::kColour, 0}, {"diffuse_green", Use::kColour, 1}, {"diffuse_blue", Use::kColour, 2}};
+  static constexpr Known kOfVertex[] = {{"x", Use::kPosition, 0},         {"y", Use::kPosition, 1},
+                                        {"z", Use::kPosition, 2},         {"nx", Use::kNormal, 0},
+                                        {"ny", Use::kNormal, 1},          {"nz", Use::kNormal, 2},
+                                        {"s", Use::kTexture, 0},          {"t", Use::kTexture, 1},
+                                        {"u", Use::kTexture, 0},          {"v", Use::kTexture, 1},
+                                        {"texture_u", Use::kTexture, 0},  {"texture_v", Use::kTexture, 1},
+                                        {"red", Use::kColour, 0},         {"green", Use::kColour, 1},
+                                        {"blue", Use::kColour, 2},        {"alpha", Use::kColour, 3},
+                                        {"r", Use::kColour, 0},           {"g", Use::kColour, 1},
+                                        {"b", Use::kColour, 2},           {"a", Use::kColour, 3},
+                                        {"diffuse_red", Use::kColour, 0}, {"diffuse_green", Use::kColour, 1},
+                                        {"diffuse_blue", Use::kColour, 2}};
   static constexpr Known kOfFace[] = {{"vertex_indices", Use::kCorners, 0}, {"vertex_index", Use::kCorners, 0}, {"texcoord", Use::kCornerTexture, 0}};
   if (element == "vertex" && !property.list)
     for (const Known& known : kOfVertex)

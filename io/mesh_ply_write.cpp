@@ -1,6 +1,6 @@
 // Stanford PLY, writing: binary little endian, or ascii on request. float x y z where the surface has no placement, else double; normals and texture
-// coordinates by vertex where no vertex has two of them; texture coordinates with seams as the face list `texcoord`, as MeshLab writes them. Normals with
-// sharp edges, groups, objects and materials have no place in PLY.
+// coordinates by vertex where no vertex has two of them; texture coordinates with seams as the face list `texcoord`, as MeshLab writes them. Normals
+// with sharp edges, groups, objects and materials have no place in PLY.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -15,7 +15,11 @@ namespace {
 class PlyWriter {
  public:
   PlyWriter(const Surface& surface, const WriteMeshOptions& options, std::vector<std::string>& notes)
-      : surface_(surface), topology_(*surface.topology), ascii_(options.ascii), text_(options.precision), shading_(normals_to_write(surface, options)) {
+      : surface_(surface),
+        topology_(*surface.topology),
+        ascii_(options.ascii),
+        text_(options.precision),
+        shading_(normals_to_write(surface, options)) {
     static const MeshAttributes kNone;
     attributes_ = surface.attributes ? surface.attributes.get() : &kNone;
     wide_ = !surface.placement.is_identity();
@@ -44,7 +48,8 @@ class PlyWriter {
       const Vec3f &a = shading_.normals[static_cast<size_t>(i)], &b = shading_.normals[static_cast<size_t>(j)];
       return a.x == b.x && a.y == b.y && a.z == b.z;
     });
-    if (vertex_normal_.empty()) notes.push_back("PLY has one normal a vertex, and this mesh has sharp edges or faces without normals: normals left out");
+    if (vertex_normal_.empty())
+      notes.push_back("PLY has one normal a vertex, and this mesh has sharp edges or faces without normals: normals left out");
   }
 
   void choose_texture() {
@@ -97,8 +102,12 @@ class PlyWriter {
 
   void property(const char* type, const char* name) { text_.text("property ").text(type).text(" ").text(name).text("\n"); }
 
-  Vec3f normal_of(size_t vertex) const { return vertex_normal_[vertex] < 0 ? Vec3f{0, 0, 0} : shading_.normals[static_cast<size_t>(vertex_normal_[vertex])]; }
-  std::array<float, 2> texture_of(int32_t index) const { return index < 0 ? std::array<float, 2>{0, 0} : attributes_->texture_coordinates[static_cast<size_t>(index)]; }
+  Vec3f normal_of(size_t vertex) const {
+    return vertex_normal_[vertex] < 0 ? Vec3f{0, 0, 0} : shading_.normals[static_cast<size_t>(vertex_normal_[vertex])];
+  }
+  std::array<float, 2> texture_of(int32_t index) const {
+    return index < 0 ? std::array<float, 2>{0, 0} : attributes_->texture_coordinates[static_cast<size_t>(index)];
+  }
 
   void ascii_body() {
     for (size_t i = 0; i < surface_.vertices(); ++i) {
@@ -184,6 +193,8 @@ class PlyWriter {
 
 }  // namespace
 
-std::string write_ply(const Surface& surface, const WriteMeshOptions& options, std::vector<std::string>& notes) { return PlyWriter(surface, options, notes).write(); }
+std::string write_ply(const Surface& surface, const WriteMeshOptions& options, std::vector<std::string>& notes) {
+  return PlyWriter(surface, options, notes).write();
+}
 
 }  // namespace knead::mesh

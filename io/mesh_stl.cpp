@@ -1,5 +1,5 @@
-// STL, ascii and binary, both ways. STL holds triangles and nothing else: corners at bit-identical places are joined on reading, the facet normals are not
-// looked at, and polygons are written as the triangles that Knead works with.
+// STL, ascii and binary, both ways. STL holds triangles and nothing else: corners at bit-identical places are joined on reading, the facet normals
+// are not looked at, and polygons are written as the triangles that Knead works with.
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -33,10 +33,12 @@ RawMesh read_binary(std::string_view bytes, const std::string& name, std::vector
   const size_t there = (bytes.size() - kHeaderBytes) / kFacetBytes;
   if (facets > there)
     throw Error(ErrorCode::kFile, in_file(name),
-                "the header announces " + counted(facets, "triangle", "triangles") + ", but the file ends in triangle " + std::to_string(there) + " (counted from 0)",
+                "the header announces " + counted(facets, "triangle", "triangles") + ", but the file ends in triangle " + std::to_string(there) +
+                    " (counted from 0)",
                 "the file is damaged or cut short; export or copy it again");
   if (facets > INT32_MAX / 3) throw Error(ErrorCode::kFile, in_file(name), "has more than 715,827,882 triangles");
-  if (const size_t rest = bytes.size() - kHeaderBytes - facets * kFacetBytes; rest > 0) warnings.push_back(counted(rest, "byte follows", "bytes follow") + " the mesh; left out");
+  if (const size_t rest = bytes.size() - kHeaderBytes - facets * kFacetBytes; rest > 0)
+    warnings.push_back(counted(rest, "byte follows", "bytes follow") + " the mesh; left out");
   RawMesh mesh;
   BadVertices bad;
   mesh.points.reserve(3 * facets);
@@ -117,7 +119,8 @@ RawMesh read_stl(std::string_view bytes, const std::string& name, std::vector<st
     mesh = read_ascii(bytes, name);
   } else {
     if (bytes.size() < kHeaderBytes)
-      throw Error(ErrorCode::kFile, in_file(name), "is no STL file: neither 'solid' at its beginning nor the 84 bytes of a binary header", "check the file's ending");
+      throw Error(ErrorCode::kFile, in_file(name), "is no STL file: neither 'solid' at its beginning nor the 84 bytes of a binary header",
+                  "check the file's ending");
     mesh = read_binary(bytes, name, warnings);
   }
   mesh.weld = true;
@@ -129,9 +132,10 @@ std::string write_stl(const Surface& surface, const WriteMeshOptions& options, s
   const auto points = surface.points.host();
   const bool wide = !surface.placement.is_identity();
   const MeshAttributes* attributes = surface.attributes.get();
-  if (topology.triangle_count() != topology.faces()) notes.push_back("STL holds triangles only: polygons are written as triangles, faces without area left out");
-  if (attributes && (!attributes->normals.empty() || !attributes->texture_coordinates.empty() || !attributes->vertex_colours.empty() || !attributes->groups.empty() ||
-                     !attributes->objects.empty() || !attributes->materials.empty()))
+  if (topology.triangle_count() != topology.faces())
+    notes.push_back("STL holds triangles only: polygons are written as triangles, faces without area left out");
+  if (attributes && (!attributes->normals.empty() || !attributes->texture_coordinates.empty() || !attributes->vertex_colours.empty() ||
+                     !attributes->groups.empty() || !attributes->objects.empty() || !attributes->materials.empty()))
     notes.push_back("STL has no place for normals by vertex, texture coordinates, colours, groups, objects and materials; left out");
   if (wide && surface.placement.translation.x + surface.placement.translation.y + surface.placement.translation.z != 0 && !options.ascii)
     notes.push_back("binary STL is single precision: of a mesh far from the origin it loses digits; .ply and .obj do not");
@@ -141,7 +145,8 @@ std::string write_stl(const Surface& surface, const WriteMeshOptions& options, s
   if (options.ascii)
     text.text("solid knead\n");
   else
-    out = "Written by Knead", out.resize(80, ' '), put(out, static_cast<uint32_t>(topology.triangle_count())), out.reserve(84 + 50 * topology.triangle_count());
+    out = "Written by Knead", out.resize(80, ' '), put(out, static_cast<uint32_t>(topology.triangle_count())),
+    out.reserve(84 + 50 * topology.triangle_count());
   for (size_t t = 0; t < topology.triangle_count(); ++t) {
     const uint32_t* corner = &topology.triangles[3 * t];
     const Vec3d a = to_double(points[corner[0]]);

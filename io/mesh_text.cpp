@@ -172,6 +172,8 @@ std::string shown(std::string_view text) {
   return result + (text.size() > 40 ? "...'" : "'");
 }
 
-std::string counted(size_t n, const char* singular, const char* plural) { return std::to_string(n) + " " + (n == 1 ? singular : plural); }
+std::string counted(size_t n, const char* singular, const char* plural) {
+  return std::to_string(n) + " " + (n == 1 ? singular : plural);
+}
 
 }  // namespace knead::mesh

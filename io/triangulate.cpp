@@ -16,10 +16,12 @@ struct Point2 {
   friend bool operator==(const Point2&, const Point2&) = default;
 };
 
-double turn(const Point2& a, const Point2& b, const Point2& c) { return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x); }
+double turn(const Point2& a, const Point2& b, const Point2& c) {
+  return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+}
 
-// False for triangles whose corners lie on a line as well as floats can say: the height over the longest edge is below the rounding of the coordinates
-// (2^-24 of the largest, on each of the three), so that which way the triangle faces is noise.
+// False for triangles whose corners lie on a line as well as floats can say: the height over the longest edge is below the rounding of the
+// coordinates (2^-24 of the largest, on each of the three), so that which way the triangle faces is noise.
 bool has_area(std::span<const Vec3f> points, uint32_t a, uint32_t b, uint32_t c) {
   if (a == b || b == c || c == a) return false;
   const Vec3d p = to_double(points[a]), q = to_double(points[b]), r = to_double(points[c]);
@@ -62,8 +64,8 @@ class PolygonCutter {
     const size_t n = flat_.size();
     for (size_t i = 1; i + 1 < n; ++i)
       if (!(turn(flat_[apex], flat_[(apex + i) % n], flat_[(apex + i + 1) % n]) > 0)) return false;
-    // All triangles of the fan turn the same way; it covers the polygon once only if the boundary winds once, that is, no corner but the apex bends back so
-    // far that the fan passes a full turn. The sum of the angles at the apex tells.
+    // All triangles of the fan turn the same way; it covers the polygon once only if the boundary winds once, that is, no corner but the apex bends
+    // back so far that the fan passes a full turn. The sum of the angles at the apex tells.
     double angle = 0;
     for (size_t i = 1; n > 4 && i + 1 < n; ++i) {
       const Point2 &o = flat_[apex], &a = flat_[(apex + i) % n], &b = flat_[(apex + i + 1) % n];

@@ -27,7 +27,8 @@ class ReadMesh : public Node {
  public:
   Param<std::string> path{this, "path", "", {.doc = "the file; '#'s in its name stand for the frame"}};
   Param<bool> weld{this, "weld", false, {.doc = "join vertices that lie at exactly the same place"}};
-  Out<Surface> surface{this, "surface", {.unit = "the file's", .shape = "vertices", .doc = "the surface, with polygons and attributes as in the file"}};
+  Out<Surface> surface{
+      this, "surface", {.unit = "the file's", .shape = "vertices", .doc = "the surface, with polygons and attributes as in the file"}};
 
   void configure() override {
     if (path().empty()) throw Error(ErrorCode::kGraph, Where{{}, 0, 0, {}, "path"}, "no file is named", "set path to a mesh file");

@@ -38,7 +38,8 @@ class WriteMesh : public Node {
   void evaluate(Context& context) const override {
     const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
     context.check_cancelled();
-    for (const std::string& note : write_surface(file, context.get(surface), {.ascii = ascii(), .precision = precision(), .recompute_normals = false}))
+    for (const std::string& note :
+         write_surface(file, context.get(surface), {.ascii = ascii(), .precision = precision(), .recompute_normals = false}))
       context.warn(file + ": " + note);
   }
 };

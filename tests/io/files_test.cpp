@@ -25,7 +25,9 @@ using ::testing::HasSubstr;
 // A folder of the test's own, removed at its end.
 class FilesTest : public ::testing::Test {
  protected:
-  FilesTest() : folder_(fs::temp_directory_path() / ("knead_files_" + std::to_string(::getpid()) + "_" + ::testing::UnitTest::GetInstance()->current_test_info()->name())) {
+  FilesTest()
+      : folder_(fs::temp_directory_path() /
+                ("knead_files_" + std::to_string(::getpid()) + "_" + ::testing::UnitTest::GetInstance()->current_test_info()->name())) {
     fs::create_directories(folder_);
   }
   ~FilesTest() override {
@@ -89,7 +91,9 @@ TEST_F(FilesTest, MissingFileSuggestsTheNearestName) {
   EXPECT_THAT(error_of([&] { knead::read_whole_file(at("nowhere/head.obj")); }).message(), HasSubstr("there is no folder"));
 }
 
-TEST_F(FilesTest, ReadingAFolderIsAnError) { EXPECT_THAT(error_of([&] { knead::read_whole_file(folder_.string()); }).what(), HasSubstr("folder")); }
+TEST_F(FilesTest, ReadingAFolderIsAnError) {
+  EXPECT_THAT(error_of([&] { knead::read_whole_file(folder_.string()); }).what(), HasSubstr("folder"));
+}
 
 TEST_F(FilesTest, UnreadableFileIsAnError) {
   if (::geteuid() == 0) GTEST_SKIP() << "root may read everything";
@@ -174,7 +178,8 @@ TEST_F(FilesTest, AFullDiskIsAnError) {
 
 TEST_F(FilesTest, UnwritablePlacesAreErrorsThatNameThePath) {
   knead::write_whole_file(at("file"), "x");
-  for (const std::string& path : {at("file/below"), at("a/") + std::string(300, 'n'), folder_.string(), at("folder/"), std::string("/proc/knead/result.obj")}) {
+  for (const std::string& path :
+       {at("file/below"), at("a/") + std::string(300, 'n'), folder_.string(), at("folder/"), std::string("/proc/knead/result.obj")}) {
     const Error error = error_of([&] { knead::write_whole_file(path, "x"); });
     EXPECT_EQ(error.code(), ErrorCode::kFile);
     EXPECT_EQ(error.where().file, path);

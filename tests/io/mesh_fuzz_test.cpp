@@ -39,10 +39,12 @@ bool read_or_refuse(const std::string& bytes, const std::string& name) {
     EXPECT_GT(s.topology->triangle_count(), 0u);
     const knead::MeshAttributes& a = *s.attributes;
     EXPECT_TRUE(a.vertex_colours.empty() || a.vertex_colours.size() == s.vertices());
-    for (const auto* per_corner : {&a.corner_texture, &a.corner_normal}) EXPECT_TRUE(per_corner->empty() || per_corner->size() == s.topology->corners());
+    for (const auto* per_corner : {&a.corner_texture, &a.corner_normal})
+      EXPECT_TRUE(per_corner->empty() || per_corner->size() == s.topology->corners());
     for (int32_t i : a.corner_texture) EXPECT_LT(i, static_cast<int32_t>(a.texture_coordinates.size()));
     for (int32_t i : a.corner_normal) EXPECT_LT(i, static_cast<int32_t>(a.normals.size()));
-    for (const auto* per_face : {&a.face_group, &a.face_object, &a.face_material}) EXPECT_TRUE(per_face->empty() || per_face->size() == s.topology->faces());
+    for (const auto* per_face : {&a.face_group, &a.face_object, &a.face_material})
+      EXPECT_TRUE(per_face->empty() || per_face->size() == s.topology->faces());
     knead::describe_problems(s);
     for (const char* again : {"again.obj", "again.ply", "again.stl"}) tools::format(again, s);
     return false;
@@ -70,7 +72,8 @@ TEST(MeshFuzz, CutFilesAreReadOrRefused) {
 }
 
 TEST(MeshFuzz, MutatedFilesAreReadOrRefused) {
-  static const char* const kWords[] = {"nan", "-1", "0", "99999999", "1e308", "\n", " ", "-", "/", "\\\n", "#", "4294967296", "1e-320", "\r", "f 1 2", "list", "\x00\xff"};
+  static const char* const kWords[] = {"nan",  "-1", "0",          "99999999", "1e308", "\n",    " ",    "-",       "/",
+                                       "\\\n", "#",  "4294967296", "1e-320",   "\r",    "f 1 2", "list", "\x00\xff"};
   std::mt19937 random(20240601);
   const auto below = [&](size_t n) { return n ? random() % n : 0; };
   size_t refused = 0, tried = 0;

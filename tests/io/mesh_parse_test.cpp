@@ -110,8 +110,9 @@ TEST(MeshParse, NothingToDeformIsRefused) {
 }
 
 TEST(MeshParse, PlyHeadersAreChecked) {
-  const std::string good = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-                           "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+  const std::string good =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+      "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
   EXPECT_EQ(tools::parse(good, "m.ply").vertices(), 3u);
   const auto with = [&](const std::string& from, const std::string& to) {
     std::string changed = good;
@@ -137,8 +138,10 @@ TEST(MeshParse, PlyHeadersAreChecked) {
 TEST(MeshParse, PlyStepsOverWhatItDoesNotKnow) {
   std::vector<std::string> warnings;
   const Surface s = knead::parse_surface(
-      "ply\nformat ascii 1.0\ncomment c\nobj_info i\nelement camera 1\nproperty list uchar float view\nelement face 1\nproperty uchar flags\nproperty list uchar int vertex_index\n"
-      "element vertex 3\nproperty double quality\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+      "ply\nformat ascii 1.0\ncomment c\nobj_info i\nelement camera 1\nproperty list uchar float view\nelement face 1\nproperty uchar "
+      "flags\nproperty list uchar int vertex_index\n"
+      "element vertex 3\nproperty double quality\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nproperty uchar "
+      "green\nproperty uchar blue\n"
       "property list int int rings\nend_header\n2 0.5 0.25\n7 3 0 1 2\n9 0 0 0 255 0 51 0\n9 1 0 0 0 0 0 2 5 6\n9 0 1 0 1 2 3 0\n",
       "m.ply", {}, warnings);
   EXPECT_EQ(s.vertices(), 3u);
@@ -183,7 +186,9 @@ TEST(MeshParse, WeldingJoinsEqualPlacesAndKeepsTheOrder) {
   EXPECT_EQ(s.attributes->vertex_colours[3][0], 0.5f);
 }
 
-TEST(MeshParse, ProblemsOfACleanMeshAreNone) { EXPECT_THAT(knead::describe_problems(tools::parse(kTetrahedron, "m.obj")), IsEmpty()); }
+TEST(MeshParse, ProblemsOfACleanMeshAreNone) {
+  EXPECT_THAT(knead::describe_problems(tools::parse(kTetrahedron, "m.obj")), IsEmpty());
+}
 
 TEST(MeshParse, MakeSurfaceRefusesWrongIndices) {
   knead::MeshTopology polygons;

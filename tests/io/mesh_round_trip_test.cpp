@@ -35,7 +35,8 @@ std::vector<Vec3f> bent(const Surface& surface) {
 // The values at each corner, whatever the pools look like.
 std::vector<std::array<float, 2>> corner_textures(const Surface& s) {
   std::vector<std::array<float, 2>> values;
-  for (int32_t i : s.attributes->corner_texture) values.push_back(i < 0 ? std::array<float, 2>{-1, -1} : s.attributes->texture_coordinates[static_cast<size_t>(i)]);
+  for (int32_t i : s.attributes->corner_texture)
+    values.push_back(i < 0 ? std::array<float, 2>{-1, -1} : s.attributes->texture_coordinates[static_cast<size_t>(i)]);
   return values;
 }
 std::vector<std::array<float, 3>> corner_normals(const Surface& s) {
@@ -113,7 +114,8 @@ TEST(MeshRoundTrip, PlyKeepsColoursThatAreNoBytes) {
   knead::MeshAttributes a = *s.attributes;
   a.vertex_colours[3] = {0.1234f, 0.5f, 2.5f, 0.25f};
   s.attributes = std::make_shared<const knead::MeshAttributes>(a);
-  for (const bool ascii : {false, true}) EXPECT_EQ(tools::parse(tools::format("m.ply", s, {.ascii = ascii}), "m.ply").attributes->vertex_colours, a.vertex_colours);
+  for (const bool ascii : {false, true})
+    EXPECT_EQ(tools::parse(tools::format("m.ply", s, {.ascii = ascii}), "m.ply").attributes->vertex_colours, a.vertex_colours);
 }
 
 TEST(MeshRoundTrip, BigEndianPlyIsTheSameMesh) {
@@ -130,7 +132,8 @@ TEST(MeshRoundTrip, AnyOffsetAndAnySizeComesBackBitForBit) {
   for (const double size : {1e-12, 1e-4, 1.0, 1e4, 1e12})
     for (const double offset : {0.0, 3.0, 17.0, 25.0, 29.0, 30.0, 31.0, 33.0, 1e3, 1e6, 3.3e9}) {
       const Surface s = tools::wavy_tube(11, 9, {offset * size, -0.7 * offset * size, 0.01 * offset * size}, size);
-      EXPECT_EQ(s.placement.is_identity(), length(0.5 * (to_double(s.lower) + to_double(s.upper)) + s.placement.translation) <= 8 * s.diagonal()) << offset;
+      EXPECT_EQ(s.placement.is_identity(), length(0.5 * (to_double(s.lower) + to_double(s.upper)) + s.placement.translation) <= 8 * s.diagonal())
+          << offset;
       if (offset >= 1e3) {
         EXPECT_FALSE(s.placement.is_identity());
       }
@@ -187,8 +190,10 @@ TEST(MeshRoundTrip, NormalsFollowTheDeformation) {
 
 TEST(MeshRoundTrip, RecomputedNormalsPointOutAndKeepHardEdges) {
   // A cube with one normal a side, written as twelve triangles, then stretched: each side still has its one normal.
-  const char* const cube = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\nvn 0 0 -1\nvn 0 0 1\nvn 0 -1 0\nvn 1 0 0\nvn 0 1 0\nvn -1 0 0\n"
-                           "f 4//1 3//1 2//1\nf 4//1 2//1 1//1\nf 5//2 6//2 7//2 8//2\nf 1//3 2//3 6//3 5//3\nf 2//4 3//4 7//4 6//4\nf 3//5 4//5 8//5 7//5\nf 4//6 1//6 5//6 8//6\n";
+  const char* const cube =
+      "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\nvn 0 0 -1\nvn 0 0 1\nvn 0 -1 0\nvn 1 0 0\nvn 0 1 0\nvn -1 0 0\n"
+      "f 4//1 3//1 2//1\nf 4//1 2//1 1//1\nf 5//2 6//2 7//2 8//2\nf 1//3 2//3 6//3 5//3\nf 2//4 3//4 7//4 6//4\nf 3//5 4//5 8//5 7//5\nf 4//6 1//6 "
+      "5//6 8//6\n";
   const Surface s = tools::parse(cube, "m.obj");
   std::vector<Vec3f> stretched;
   for (const Vec3f& p : s.points.host()) stretched.push_back({p.x * 3, p.y, p.z});
@@ -202,7 +207,9 @@ TEST(MeshRoundTrip, RecomputedNormalsPointOutAndKeepHardEdges) {
 
 class MeshFiles : public ::testing::Test {
  protected:
-  MeshFiles() : folder_(fs::temp_directory_path() / ("knead_mesh_" + std::to_string(::getpid()) + ::testing::UnitTest::GetInstance()->current_test_info()->name())) {
+  MeshFiles()
+      : folder_(fs::temp_directory_path() /
+                ("knead_mesh_" + std::to_string(::getpid()) + ::testing::UnitTest::GetInstance()->current_test_info()->name())) {
     fs::create_directories(folder_);
   }
   ~MeshFiles() override { fs::remove_all(folder_); }

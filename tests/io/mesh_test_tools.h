@@ -16,7 +16,9 @@ namespace mesh_test_tools {
 using knead::Surface;
 using knead::Vec3d;
 
-inline std::string shared_mesh(const std::string& name) { return std::string(KNEAD_SHARED_DATA) + "/" + name; }
+inline std::string shared_mesh(const std::string& name) {
+  return std::string(KNEAD_SHARED_DATA) + "/" + name;
+}
 
 inline Surface parse(const std::string& bytes, const std::string& name, const knead::ReadMeshOptions& options = {}) {
   std::vector<std::string> warnings;

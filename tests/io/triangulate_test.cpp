@@ -132,7 +132,8 @@ TEST(Triangulate, ThousandsOfCornersAreNoTrouble) {
   const Cut cut = cut_polygon(points);
   EXPECT_NEAR(cut.area / polygon_area(points), 1, 1e-3);
   std::vector<Vec3f> circle;
-  for (int i = 0; i < 200000; ++i) circle.push_back({std::cos(6.2831853f * static_cast<float>(i) / 200000), std::sin(6.2831853f * static_cast<float>(i) / 200000), 0});
+  for (int i = 0; i < 200000; ++i)
+    circle.push_back({std::cos(6.2831853f * static_cast<float>(i) / 200000), std::sin(6.2831853f * static_cast<float>(i) / 200000), 0});
   EXPECT_NEAR(cut_polygon(circle).area, 3.14159, 1e-2);
 }
 
