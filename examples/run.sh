@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Sets up, builds and runs the main job on the shipped inputs: examples/head, a head pressed by a fist over 48 frames, once soft and once stiff.
+# Options are passed on to `knead run` (--frames 20-30).
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 
@@ -7,20 +8,24 @@ knead_packages
 knead_build release knead_program
 
 results=$knead_root/out/head
-for graph in "$knead_root"/examples/head/*.yaml; do
-  knead_say "Running ${graph#"$knead_root"/}"
-  "$knead_root/build/release/app/knead" run "$graph" --out "$results/$(basename "$graph" .yaml)" --sheet
-done
+knead_say "Running examples/head/head.yaml"
+"$knead_root/build/release/app/knead" run "$knead_root/examples/head/head.yaml" --out "$results" --sheet "$@"
 
-knead_say "Done. In $results, a folder for each graph:"
-cd "$results"
-for folder in */; do
-  printf '  %s\n' "$folder"
-  for kind in "meshes:*.obj *.ply *.stl" "pictures:*.png" "figures:*.jsonl"; do
-    files=()
-    for pattern in ${kind#*:}; do
-      while IFS= read -r file; do files+=("$file"); done < <(find "$folder" -name "$pattern" | sort)
-    done
-    [ ${#files[@]} -eq 0 ] || printf '    %-9s %s%s\n' "${kind%%:*}" "$results/${files[0]}" "$([ ${#files[@]} -eq 1 ] || echo " to $(basename "${files[-1]}"), ${#files[@]} files")"
-  done
-done
+# list WHAT PATTERN: the first and the last file, and how many there are
+list() {
+  local files
+  mapfile -t files < <(find "$results" -name "$2" | sort)
+  [ ${#files[@]} -gt 0 ] || return 0
+  printf '  %-15s %s' "$1" "${files[0]}"
+  [ ${#files[@]} -eq 1 ] || printf ' to %s (%d files)' "$(basename "${files[-1]}")" "${#files[@]}"
+  printf '\n'
+}
+
+knead_say "Done"
+list "soft meshes" 'soft.[0-9]*.obj'
+list "stiff meshes" 'stiff.[0-9]*.obj'
+list "pictures, soft" 'soft.[0-9]*.png'
+list "pictures, stiff" 'stiff.[0-9]*.png'
+list "all in one" '*_sheet.png'
+list "figures" 'stats.jsonl'
+echo "  What else there is: $knead_root/build/release/app/knead nodes"
