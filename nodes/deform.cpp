@@ -36,6 +36,7 @@ parameters:
   lattice: {default: barycentric, doc: "coordinates of M in the tet mesh: barycentric, trilinear or mean_value"}
   stiffness: {default: 0.5, doc: "0 soft: the dent stays local; 1 stiff: the whole body gives way"}
   relaxation: {default: 0.4, doc: "part of the volume step that is taken, on the mean over the sweeps; half and more does not settle"}
+  sweeps: {default: 2, doc: "volume steps in every iteration; more keep the volume better and take longer"}
   hold: {default: 0.002, doc: "pull to rest in every iteration"}
   margin: {default: 0, doc: "distance to keep from the colliders, world units"}
   max_iterations: {default: 250, doc: "after which the loop ends in any case"}
@@ -51,7 +52,7 @@ nodes:
     body:
       push: {type: collide_sdf, surface: state.surface, sdf: inputs.sdf, memory: state.memory, margin: $margin}
       lift: {type: map_to_tets, displacement: push.displacement, points: state.points, lattice: tets.lattice, tets: tets}
-      volume: {type: restore_volume, points: lift, tets: tets, relaxation: $relaxation}
+      volume: {type: restore_volume, points: lift, tets: tets, relaxation: $relaxation, sweeps: $sweeps}
       stiff: {type: enforce_stiffness, points: volume, tets: tets, stiffness: $stiffness}
       held: {type: hold, points: stiff, tets: tets, lattice: tets.lattice, pins: inputs.pins, strength: $hold}
       map: {type: map_to_surface, points: held, lattice: tets.lattice}
