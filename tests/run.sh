@@ -22,9 +22,12 @@ run_tests() {
   shift
   knead_say "Testing build/$preset"
   rm -f "$report"
-  ctest --test-dir "$knead_root/build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" --output-junit "$report" "$@" || true
+  local status=0 failed_before=$failed
+  ctest --test-dir "$knead_root/build/$preset" --output-on-failure --no-tests=error -j "$(nproc)" --output-junit "$report" "$@" || status=$?
   [ -s "$report" ] || { echo "ctest made no report for build/$preset" >&2; exit 1; }
   count "$report"
+  # A test program that was not built or that broke off counts as failed too.
+  [ "$status" -eq 0 ] || [ "$failed" -gt "$failed_before" ] || failed=$((failed + 1))
 }
 
 knead_packages
