@@ -3,7 +3,7 @@
 // executor, the CPU's vectors and the GPU.
 #pragma once
 #include <cstdint>
-#if defined(__SSE2__)
+#if defined(__SSE2__) && !defined(__CUDACC__)  // nvcc knows no vector types; a device lane is a float
 #include <immintrin.h>
 #endif
 
@@ -34,7 +34,7 @@ struct Lane<float> {
   static KNEAD_HD float root(float v) { return sqrtf(v); }
 };
 
-#if defined(__SSE2__)
+#if defined(__SSE2__) && !defined(__CUDACC__)  // nvcc knows no vector types; a device lane is a float
 namespace detail {
 KNEAD_HD Pack<4> row(const Vec3f* v, uint32_t i) { return _mm_loadu_ps(&v[i].x); }  // reads 4 bytes past the row: see Buffer::kPaddingBytes
 KNEAD_HD Pack<4> four_rows(const Vec3f* v, const uint32_t* i, Pack<4>) { return row(v, *i); }
