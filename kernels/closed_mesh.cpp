@@ -183,7 +183,7 @@ void face_outwards(ClosedMesh& mesh) {
   if (std::none_of(pieces.begin(), pieces.end(), [](const Piece& p) { return p.volume < 0; })) return;
   std::stable_sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) { return std::abs(a.volume) > std::abs(b.volume); });
   std::vector<Vec3d> points(mesh.points.size());
-  std::transform(mesh.points.begin(), mesh.points.end(), points.begin(), to_double);
+  std::transform(mesh.points.begin(), mesh.points.end(), points.begin(), [](const Vec3f& p) { return to_double(p); });
   for (size_t k = 0; k < pieces.size(); ++k) {
     const Vec3d p = to_double(mesh.points[mesh.triangles[3 * pieces[k].triangles[0]]]);
     const Piece* container = nullptr;  // the smallest piece around this one

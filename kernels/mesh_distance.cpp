@@ -364,7 +364,7 @@ MeshDistance::MeshDistance(std::span<const Vec3d> points, std::span<const uint32
 
 MeshDistance::MeshDistance(std::span<const Vec3f> points, std::span<const uint32_t> triangles, Executor* executor) : impl_(std::make_unique<Impl>()) {
   std::vector<Vec3d> exact(points.size());
-  std::transform(points.begin(), points.end(), exact.begin(), to_double);
+  std::transform(points.begin(), points.end(), exact.begin(), [](const Vec3f& p) { return to_double(p); });
   impl_->build(exact, triangles, executor ? *executor : *make_serial_executor());
 }
 
