@@ -1,4 +1,4 @@
-#include "io/vdb.h"
+#include "io/vdb_module.h"
 
 #include <fmt/format.h>
 #include <iostream>  // NanoVDB's validator needs it and does not say so
@@ -191,6 +191,8 @@ ReadSdf complete(FloatGrid& grid, const std::string& path, Executor& executor, u
 
 }  // namespace
 
+namespace openvdb_side {
+
 ReadSdf read_sdf(const std::string& path, const std::string& name, Executor& executor, uint64_t memory_limit) {
   openvdb::initialize();
   FloatGrid::Ptr grid;
@@ -239,6 +241,13 @@ void write_sdf(const std::string& path, const Sdf& sdf, const std::string& name)
   std::ostringstream bytes;
   openvdb::io::Stream(bytes).write({grid});
   write_whole_file(path, bytes.str());
+}
+
+}  // namespace openvdb_side
+
+extern "C" const VdbFunctions* knead_vdb_functions() {
+  static constexpr VdbFunctions functions{openvdb_side::build_sdf, openvdb_side::estimate_sdf_bytes, openvdb_side::read_sdf, openvdb_side::write_sdf};
+  return &functions;
 }
 
 }  // namespace knead

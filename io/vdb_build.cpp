@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 #include "graph/error.h"
-#include "io/vdb.h"
+#include "io/vdb_module.h"
 
 namespace knead {
 namespace {
@@ -229,6 +229,8 @@ Sdf Builder::build() {
 
 }  // namespace
 
+namespace openvdb_side {
+
 uint64_t estimate_sdf_bytes(Executor& executor, const SdfPlan& plan, DistanceAt distance) {
   // A classification that costs a few thousand queries at most; finer voxels scale as the volume they fill.
   constexpr size_t kMostLeaves = 20000;
@@ -252,5 +254,7 @@ Sdf build_sdf(Executor& executor, const SdfPlan& plan, DistanceAt distance) {
   openvdb::initialize();
   return Builder(executor, plan, distance).build();
 }
+
+}  // namespace openvdb_side
 
 }  // namespace knead
