@@ -26,7 +26,8 @@ Image reduced(const Image& from, int width, int height) {
       const double x0 = x * sx, x1 = (x + 1) * sx, y0 = y * sy, y1 = (y + 1) * sy;
       for (int v = static_cast<int>(y0); v < std::min(from.height, static_cast<int>(std::ceil(y1))); ++v)
         for (int u = static_cast<int>(x0); u < std::min(from.width, static_cast<int>(std::ceil(x1))); ++u) {
-          const double share = (std::min(x1, u + 1.0) - std::max(x0, static_cast<double>(u))) * (std::min(y1, v + 1.0) - std::max(y0, static_cast<double>(v)));
+          const double share =
+              (std::min(x1, u + 1.0) - std::max(x0, static_cast<double>(u))) * (std::min(y1, v + 1.0) - std::max(y0, static_cast<double>(v)));
           for (int c = 0; c < 3; ++c) sum[c] += share * from.at(u, v)[c];
           weight += share;
         }
@@ -105,7 +106,8 @@ void write_contact_sheet(const std::string& path, const std::vector<std::string>
       if (first_problem.empty()) first_problem = error.what();
     }
   }
-  if (width == 0) throw Error(ErrorCode::kFile, in_file(path), "a contact sheet of pictures of which none can be read: " + first_problem, "make them first");
+  if (width == 0)
+    throw Error(ErrorCode::kFile, in_file(path), "a contact sheet of pictures of which none can be read: " + first_problem, "make them first");
 
   columns = std::min(columns, static_cast<int>(pictures.size()));
   const int rows = (static_cast<int>(pictures.size()) + columns - 1) / columns, gap = 4;

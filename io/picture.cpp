@@ -19,9 +19,11 @@ constexpr double kHalfAngle = 13 * std::numbers::pi / 180;  // of the view, upwa
 constexpr double kMargin = 0.94;                            // of the picture that the frame fills
 constexpr int kNothing = -1, kFloor = -2;                   // RenderHit::mesh beside the meshes; the body is mesh 0
 constexpr size_t kRowGrain = 8;
-constexpr int64_t kMostPixels = int64_t{1} << 24;           // of about 100 bytes each while a picture is made
+constexpr int64_t kMostPixels = int64_t{1} << 24;  // of about 100 bytes each while a picture is made
 
-Vec3d unit(const Vec3d& v) { return v * (1 / length(v)); }
+Vec3d unit(const Vec3d& v) {
+  return v * (1 / length(v));
+}
 
 // Pinhole camera in render space.
 struct Camera {
@@ -51,7 +53,8 @@ Scale scale_of(const Box& frame) {
 Camera make_camera(const PictureSettings& settings, const Scale& scale) {
   const Vec3d side = cross(settings.up, settings.view);
   if (!(length(settings.view) > 0) || !(length(settings.up) > 0) || !(length(side) > 1e-6 * length(settings.up) * length(settings.view)))
-    throw Error(ErrorCode::kInput, "a camera's view and up must be two different directions", "view is towards the camera, up is what stands upright");
+    throw Error(ErrorCode::kInput, "a camera's view and up must be two different directions",
+                "view is towards the camera, up is what stands upright");
   const Vec3d back = unit(settings.view), right = unit(side), up = cross(back, right);
   const Vec3d focus = settings.focus ? scale.apply(*settings.focus) : Vec3d{0, 0, 0};
   const double rise = std::tan(kHalfAngle), run = rise * settings.width / settings.height;
@@ -79,7 +82,9 @@ RenderMesh render_mesh(const Surface& surface, const Scale& scale, double crease
   const auto points = surface.points.host();
   mesh.points.reserve(points.size());
   for (const Vec3f& p : points) mesh.points.push_back(to_float(scale.apply(surface.placement.apply(to_double(p)))));
-  const auto finite = [&](uint32_t v) { return std::isfinite(mesh.points[v].x) && std::isfinite(mesh.points[v].y) && std::isfinite(mesh.points[v].z); };
+  const auto finite = [&](uint32_t v) {
+    return std::isfinite(mesh.points[v].x) && std::isfinite(mesh.points[v].y) && std::isfinite(mesh.points[v].z);
+  };
   const std::vector<uint32_t>& all = surface.topology->triangles;
   mesh.triangles.reserve(all.size());
   for (size_t t = 0; t + 2 < all.size(); t += 3)
@@ -90,7 +95,7 @@ RenderMesh render_mesh(const Surface& surface, const Scale& scale, double crease
 
 struct Pixel {
   RenderHit hit;
-  Exposure raw, light;       // as gathered, and smoothed over neighbours
+  Exposure raw, light;  // as gathered, and smoothed over neighbours
   Colour ghost;
   float ghost_cover = 0;
   bool edge = false;
@@ -99,8 +104,12 @@ struct Pixel {
 class Renderer {
  public:
   Renderer(const PictureSettings& settings, Executor& executor, const Scale& scale)
-      : settings_(settings), executor_(executor), camera_(make_camera(settings, scale)), up_(to_float(unit(settings.up))),
-        studio_(camera_.right, camera_.up, camera_.back, up_), pixels_(static_cast<size_t>(settings.width) * settings.height) {
+      : settings_(settings),
+        executor_(executor),
+        camera_(make_camera(settings, scale)),
+        up_(to_float(unit(settings.up))),
+        studio_(camera_.right, camera_.up, camera_.back, up_),
+        pixels_(static_cast<size_t>(settings.width) * settings.height) {
     const Vec3d half = 0.5 * scale.factor * (settings.frame.upper - settings.frame.lower);
     floor_ = -(std::abs(half.x * up_.x) + std::abs(half.y * up_.y) + std::abs(half.z * up_.z));
     if (settings.floor) floor_ = static_cast<float>((*settings.floor - dot(unit(settings.up), scale.centre)) * scale.factor);
@@ -257,8 +266,10 @@ class Renderer {
             light.key += next.light.key;
             light.sky += next.light.sky;
           }
-        if (total > 0) light = {light.key / total, light.sky / total};
-        else light = studio_.gather(solid_, hit, flesh(hit), 8, static_cast<uint32_t>(i));
+        if (total > 0)
+          light = {light.key / total, light.sky / total};
+        else
+          light = studio_.gather(solid_, hit, flesh(hit), 8, static_cast<uint32_t>(i));
       }
       Colour ghost;
       float cover = 0;
@@ -286,16 +297,19 @@ class Renderer {
 
 }  // namespace
 
-Image render_picture(const Surface& body, std::span<const float> values, const std::vector<const Surface*>& colliders, const PictureSettings& settings,
-                     Executor& executor, FunctionRef<void()> progress) {
+Image render_picture(const Surface& body, std::span<const float> values, const std::vector<const Surface*>& colliders,
+                     const PictureSettings& settings, Executor& executor, FunctionRef<void()> progress) {
   if (settings.width < 16 || settings.height < 16 || settings.width > 16384 || settings.height > 16384)
     throw Error(ErrorCode::kInput, "a picture is 16 to 16384 pixels wide and high");
   if (static_cast<int64_t>(settings.width) * settings.height > kMostPixels)
-    throw Error(ErrorCode::kInput, "a picture of " + std::to_string(settings.width) + " x " + std::to_string(settings.height) + " pixels would need too much memory",
+    throw Error(ErrorCode::kInput,
+                "a picture of " + std::to_string(settings.width) + " x " + std::to_string(settings.height) + " pixels would need too much memory",
                 "16.7 million pixels are the most");
-  if (settings.samples < 1 || settings.samples > 1024 || !(settings.zoom > 0)) throw Error(ErrorCode::kInput, "a picture takes 1 to 1024 samples and a positive zoom");
+  if (settings.samples < 1 || settings.samples > 1024 || !(settings.zoom > 0))
+    throw Error(ErrorCode::kInput, "a picture takes 1 to 1024 samples and a positive zoom");
   if (!values.empty() && values.size() != body.vertices())
-    throw Error(ErrorCode::kInput, std::to_string(values.size()) + " values for " + std::to_string(body.vertices()) + " vertices", "give one per vertex of the surface");
+    throw Error(ErrorCode::kInput, std::to_string(values.size()) + " values for " + std::to_string(body.vertices()) + " vertices",
+                "give one per vertex of the surface");
   const Scale scale = scale_of(settings.frame);
   Renderer renderer(settings, executor, scale);
   RenderMesh flesh = render_mesh(body, scale, 60);

@@ -9,12 +9,14 @@ namespace knead {
 
 namespace {
 
-constexpr float kKeyRadius = 0.17f;    // of the light's disc at distance 1: soft shadows
-constexpr float kSkyReach = 0.7f;      // how far ambient occlusion looks; the frame is about 2 wide
-constexpr float kSkin = 0.012f;        // light enters flesh this deep, so shadows on it start softly
-constexpr float kOffset = 2e-4f;       // off the surface, against hitting it again
+constexpr float kKeyRadius = 0.17f;  // of the light's disc at distance 1: soft shadows
+constexpr float kSkyReach = 0.7f;    // how far ambient occlusion looks; the frame is about 2 wide
+constexpr float kSkin = 0.012f;      // light enters flesh this deep, so shadows on it start softly
+constexpr float kOffset = 2e-4f;     // off the surface, against hitting it again
 
-Vec3f unit(const Vec3f& v) { return v * (1 / length(v)); }
+Vec3f unit(const Vec3f& v) {
+  return v * (1 / length(v));
+}
 
 // Two directions that span the plane across n (Duff et al. 2017, "Building an orthonormal basis, revisited").
 void basis(const Vec3f& n, Vec3f& a, Vec3f& b) {
@@ -30,7 +32,9 @@ void sample(uint32_t i, float& u, float& v) {
   v = fraction(0.5 + 0.5698402909980532 * i);
 }
 
-float power5(float x) { return x * x * x * x * x; }
+float power5(float x) {
+  return x * x * x * x * x;
+}
 
 // GGX with Schlick's Fresnel and a cheap visibility term, times n.l.
 float gloss(const Vec3f& n, const Vec3f& l, const Vec3f& v, float roughness, float reflectance) {
@@ -45,7 +49,9 @@ float gloss(const Vec3f& n, const Vec3f& l, const Vec3f& v, float roughness, flo
 
 }  // namespace
 
-Colour mix(const Colour& a, const Colour& b, float t) { return {a.r + t * (b.r - a.r), a.g + t * (b.g - a.g), a.b + t * (b.b - a.b)}; }
+Colour mix(const Colour& a, const Colour& b, float t) {
+  return {a.r + t * (b.r - a.r), a.g + t * (b.g - a.g), a.b + t * (b.b - a.b)};
+}
 
 uint8_t to_byte(float linear) {
   static const std::array<uint8_t, 4097> table = [] {
@@ -100,12 +106,15 @@ Colour Studio::shade(const RenderHit& hit, const Vec3f& to_eye, const Colour& al
   const float facing = std::max(0.0f, dot(hit.normal, to_eye));
   const float edge = power5(1 - facing);
   float shine = 0;
-  if (flesh) shine = exposure.key * (0.75f * gloss(hit.normal, key_, to_eye, 0.46f, 0.028f) + 0.35f * gloss(hit.normal, key_, to_eye, 0.28f, 0.028f));
-  else shine = exposure.key * (material == Material::kCollider ? 0.9f : 0.4f) * gloss(hit.normal, key_, to_eye, 0.38f, 0.04f);
+  if (flesh)
+    shine = exposure.key * (0.75f * gloss(hit.normal, key_, to_eye, 0.46f, 0.028f) + 0.35f * gloss(hit.normal, key_, to_eye, 0.28f, 0.028f));
+  else
+    shine = exposure.key * (material == Material::kCollider ? 0.9f : 0.4f) * gloss(hit.normal, key_, to_eye, 0.38f, 0.04f);
   for (int c = 0; c < 3; ++c) {
     const float spread = std::max(0.0f, (nl + wrap[c]) / (1 + wrap[c]));
     const float key = key_light[c] * spread * std::pow(exposure.key, bleed[c]);
-    // Light that bounces in a crease takes on the surface's colour (Jimenez et al. 2016, "Practical real-time strategies for accurate indirect occlusion").
+    // Light that bounces in a crease takes on the surface's colour (Jimenez et al. 2016, "Practical real-time strategies for accurate indirect
+    // occlusion").
     const float s = exposure.sky, p = 2.0404f * colour[c] - 0.3324f, q = -4.7951f * colour[c] + 0.6417f, r = 2.7552f * colour[c] + 0.6903f;
     const float sky = std::max(s, ((s * p + q) * s + r) * s);
     const float around = sky * (floor_light[c] + upward * (sky_light[c] - floor_light[c]));

@@ -17,8 +17,8 @@ class Studio {
  public:
   Studio(const Vec3f& right, const Vec3f& up, const Vec3f& back, const Vec3f& sky_up);
 
-  // `rays` (1 to 8) towards the key light and as many into the sky, members `index` of a low-discrepancy sequence, so that the 16 pixels of a 4 x 4 tile, with
-  // indices 0 to 15, share 16 * rays well-spread directions.
+  // `rays` (1 to 8) towards the key light and as many into the sky, members `index` of a low-discrepancy sequence, so that the 16 pixels of a 4 x 4
+  // tile, with indices 0 to 15, share 16 * rays well-spread directions.
   Exposure gather(const RenderScene& scene, const RenderHit& hit, bool flesh, int rays, uint32_t index) const;
 
   Colour shade(const RenderHit& hit, const Vec3f& to_eye, const Colour& albedo, Material material, const Exposure& exposure) const;

@@ -11,8 +11,8 @@ int text_width(const std::string& text, int size);
 int text_height(int size);
 void draw_text(Image& image, int left, int top, const std::string& text, int size, const Colour& ink);
 
-// `t` from 0 to 1, clamped; sRGB-linear out. Sequential ramps rise evenly in OKLab lightness from indigo through green to yellow; diverging ones run from
-// blue through a light grey at 0.5 to red, even on both sides (B. Ottosson 2020, "A perceptual color space for image processing").
+// `t` from 0 to 1, clamped; sRGB-linear out. Sequential ramps rise evenly in OKLab lightness from indigo through green to yellow; diverging ones run
+// from blue through a light grey at 0.5 to red, even on both sides (B. Ottosson 2020, "A perceptual color space for image processing").
 Colour sequential_ramp(double t);
 Colour diverging_ramp(double t);
 

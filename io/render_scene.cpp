@@ -98,14 +98,17 @@ struct RenderScene::Parts {
 
 RenderScene::RenderScene() : parts_(std::make_unique<Parts>()) {
   parts_->device = rtcNewDevice(nullptr);
-  if (!parts_->device) throw Error(ErrorCode::kInternal, "Embree could not start", "pictures need an x86 processor with SSE2 or an ARM one with Neon");
+  if (!parts_->device)
+    throw Error(ErrorCode::kInternal, "Embree could not start", "pictures need an x86 processor with SSE2 or an ARM one with Neon");
   parts_->scene = rtcNewScene(parts_->device);
   rtcSetSceneFlags(parts_->scene, RTC_SCENE_FLAG_ROBUST);
 }
 
 RenderScene::~RenderScene() = default;
 
-void RenderScene::add(RenderMesh mesh) { parts_->meshes.push_back(std::move(mesh)); }
+void RenderScene::add(RenderMesh mesh) {
+  parts_->meshes.push_back(std::move(mesh));
+}
 
 bool RenderScene::empty() const {
   return std::all_of(parts_->meshes.begin(), parts_->meshes.end(), [](const RenderMesh& m) { return m.triangles.empty(); });

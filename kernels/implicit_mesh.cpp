@@ -39,9 +39,9 @@ TriangleMesh contour(ImplicitFunction value, const Vec3d& lower, const Vec3d& up
     }
     return place->second;
   };
-  // Orientation by counting, not by normals, which triangles without area have not: with the corners in an even order of the tet's, inside ones first, the
-  // triangles below face outwards.
-  const auto cut = [&](const uint32_t (&tet)[4]) {
+  // Orientation by counting, not by normals, which triangles without area have not: with the corners in an even order of the tet's, inside ones
+  // first, the triangles below face outwards.
+  const auto cut = [&](const uint32_t(&tet)[4]) {
     bool positive = true;
     uint32_t inside[4], outside[4];
     int in = 0, out = 0;
@@ -54,9 +54,13 @@ TriangleMesh contour(ImplicitFunction value, const Vec3d& lower, const Vec3d& up
       }
     }
     if (in == 0 || out == 0) return;
-    const auto emit = [&](uint32_t a, uint32_t b, uint32_t c) { mesh.triangles.insert(mesh.triangles.end(), {a, positive ? b : c, positive ? c : b}); };
-    if (in == 1) emit(crossing(inside[0], outside[0]), crossing(inside[0], outside[1]), crossing(inside[0], outside[2]));
-    else if (in == 3) emit(crossing(inside[0], outside[0]), crossing(inside[1], outside[0]), crossing(inside[2], outside[0]));
+    const auto emit = [&](uint32_t a, uint32_t b, uint32_t c) {
+      mesh.triangles.insert(mesh.triangles.end(), {a, positive ? b : c, positive ? c : b});
+    };
+    if (in == 1)
+      emit(crossing(inside[0], outside[0]), crossing(inside[0], outside[1]), crossing(inside[0], outside[2]));
+    else if (in == 3)
+      emit(crossing(inside[0], outside[0]), crossing(inside[1], outside[0]), crossing(inside[2], outside[0]));
     else {
       const uint32_t a = crossing(inside[0], outside[0]), b = crossing(inside[0], outside[1]);
       const uint32_t c = crossing(inside[1], outside[1]), d = crossing(inside[1], outside[0]);
@@ -86,9 +90,13 @@ Remesher::Remesher(TriangleMesh mesh, ImplicitFunction value, ImplicitFunction e
   reach_ = 0.1 * size;
 }
 
-double Remesher::length_of(uint32_t a, uint32_t b) const { return length(points_[a] - points_[b]) / edge_(0.5 * (points_[a] + points_[b])); }
+double Remesher::length_of(uint32_t a, uint32_t b) const {
+  return length(points_[a] - points_[b]) / edge_(0.5 * (points_[a] + points_[b]));
+}
 
-Vec3d Remesher::normal_of(uint32_t a, uint32_t b, uint32_t c) const { return cross(points_[b] - points_[a], points_[c] - points_[a]); }
+Vec3d Remesher::normal_of(uint32_t a, uint32_t b, uint32_t c) const {
+  return cross(points_[b] - points_[a], points_[c] - points_[a]);
+}
 
 std::vector<Remesher::Edge> Remesher::edges() const {
   std::vector<Edge> list;
@@ -135,7 +143,7 @@ void Remesher::split(uint32_t a, uint32_t b) {
     const uint32_t fresh = static_cast<uint32_t>(faces_.size() / 3), across = opposite(f, a, b);
     for (int c = 0; c < 3; ++c) faces_.push_back(faces_[3 * f + c] == a ? m : faces_[3 * f + c]);  // keeps b, m, across
     for (int c = 0; c < 3; ++c)
-      if (faces_[3 * f + c] == b) faces_[3 * f + c] = m;                                           // keeps a, m, across
+      if (faces_[3 * f + c] == b) faces_[3 * f + c] = m;  // keeps a, m, across
     unlink(f, b);
     vertex_faces_[b].push_back(fresh);
     vertex_faces_[across].push_back(fresh);

@@ -39,15 +39,14 @@ double monotone(const std::vector<PoseKey>& keys, const std::function<double(siz
 }  // namespace
 
 Quaternion operator*(const Quaternion& a, const Quaternion& b) {
-  return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
-          a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
+  return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+          a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
 }
 
 std::array<double, 9> Quaternion::matrix() const {
   if (w == 1) return {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  return {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
-          2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-          2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+  return {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 2 * (x * y + w * z),    1 - 2 * (x * x + z * z),
+          2 * (y * z - w * x),     2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
 }
 
 Quaternion rotation_about(const Vec3d& axis, double degrees) {
@@ -82,11 +81,14 @@ Pose pose_at(const std::vector<PoseKey>& keys, double frame, Interpolation inter
   const Pose &from = keys[s].pose, &to = keys[s + 1].pose;
   const double t = (frame - keys[s].frame) / (keys[s + 1].frame - keys[s].frame);
   if (t == 0) return from;
-  const auto between = [&](Vec3d Pose::* member) {
+  const auto between = [&](Vec3d Pose::*member) {
     Vec3d v;
     for (int k = 0; k < 3; ++k) {
-      if (interpolation == Interpolation::kSmooth) v[k] = monotone(keys, [&](size_t i) { return (keys[i].pose.*member)[k]; }, s, t);
-      else v[k] = (from.*member)[k] + t * ((to.*member)[k] - (from.*member)[k]);
+      if (interpolation == Interpolation::kSmooth)
+        v[k] = monotone(
+            keys, [&](size_t i) { return (keys[i].pose.*member)[k]; }, s, t);
+      else
+        v[k] = (from.*member)[k] + t * ((to.*member)[k] - (from.*member)[k]);
     }
     return v;
   };
@@ -95,7 +97,11 @@ Pose pose_at(const std::vector<PoseKey>& keys, double frame, Interpolation inter
     std::vector<double> angles(keys.size(), 0);  // turned so far
     for (size_t k = 1; k < keys.size(); ++k) angles[k] = angles[k - 1] + angle_between(keys[k - 1].pose.rotate, keys[k].pose.rotate);
     const double all = angles[s + 1] - angles[s];
-    if (all > 0) turn = (monotone(keys, [&](size_t i) { return angles[i]; }, s, t) - angles[s]) / all;
+    if (all > 0)
+      turn = (monotone(
+                  keys, [&](size_t i) { return angles[i]; }, s, t) -
+              angles[s]) /
+             all;
   }
   return {between(&Pose::translate), slerp(from.rotate, to.rotate, turn), between(&Pose::scale), between(&Pose::pivot)};
 }

@@ -12,8 +12,8 @@ struct Quaternion {
   friend Quaternion operator*(const Quaternion& a, const Quaternion& b);  // b first, then a
   std::array<double, 9> matrix() const;                                   // row-major, orthonormal to rounding
 };
-Quaternion rotation_about(const Vec3d& axis, double degrees);  // axis of any length; the identity when it is zero
-Quaternion rotation_xyz(const Vec3d& degrees);                 // about x first, then y, then z, all axes fixed in the world
+Quaternion rotation_about(const Vec3d& axis, double degrees);          // axis of any length; the identity when it is zero
+Quaternion rotation_xyz(const Vec3d& degrees);                         // about x first, then y, then z, all axes fixed in the world
 Quaternion slerp(const Quaternion& a, const Quaternion& b, double t);  // the shorter way
 
 // x_world = translate + pivot + rotate(scale * (x - pivot)), scale per axis and before the rotation.
@@ -32,13 +32,14 @@ struct PoseKey {
 
 enum class Interpolation { kLinear, kSmooth };
 
-// The pose at `frame`; the first and last keys hold beyond their frames, and at a key its own pose comes back bit for bit. kLinear: straight lines, and slerp
-// at constant speed. kSmooth: monotone cubics (Fritsch and Carlson 1980) that start and stop gently and never go beyond the keys on either side, so that a
-// keyed press is never deeper than its keys; rotations follow the same slerps at a speed that is continuous over the keys. `keys` rise strictly by frame.
+// The pose at `frame`; the first and last keys hold beyond their frames, and at a key its own pose comes back bit for bit. kLinear: straight lines,
+// and slerp at constant speed. kSmooth: monotone cubics (Fritsch and Carlson 1980) that start and stop gently and never go beyond the keys on either
+// side, so that a keyed press is never deeper than its keys; rotations follow the same slerps at a speed that is continuous over the keys. `keys`
+// rise strictly by frame.
 Pose pose_at(const std::vector<PoseKey>& keys, double frame, Interpolation interpolation);
 
-// `surface` under the pose. A uniform scale changes the placement alone (the point buffer is shared); otherwise new points are made and the file's normals are
-// turned with them. The rest box follows.
+// `surface` under the pose. A uniform scale changes the placement alone (the point buffer is shared); otherwise new points are made and the file's
+// normals are turned with them. The rest box follows.
 Surface posed(const Surface& surface, const Pose& pose);
 
 }  // namespace knead

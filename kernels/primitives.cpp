@@ -63,14 +63,18 @@ Polygons box_grid(const std::array<int, 3>& n, Position position) {
             g[v] = b + dv;
             return id[index(g[0], g[1], g[2])];
           };
-          if (side) mesh.quad(at(0, 0), at(1, 0), at(1, 1), at(0, 1));
-          else mesh.quad(at(0, 0), at(0, 1), at(1, 1), at(1, 0));
+          if (side)
+            mesh.quad(at(0, 0), at(1, 0), at(1, 1), at(0, 1));
+          else
+            mesh.quad(at(0, 0), at(0, 1), at(1, 1), at(1, 0));
         }
     }
   return mesh;
 }
 
-int segments_for(double side, double spacing) { return std::max(1, static_cast<int>(std::lround(side / spacing))); }
+int segments_for(double side, double spacing) {
+  return std::max(1, static_cast<int>(std::lround(side / spacing)));
+}
 
 void require(bool good, const char* what, const char* hint) {
   if (!good) throw Error(ErrorCode::kInput, what, hint);
@@ -79,8 +83,8 @@ void require(bool good, const char* what, const char* hint) {
 }  // namespace
 
 Surface make_surface(std::vector<Vec3f> points, std::vector<uint32_t> face_offsets, std::vector<uint32_t> face_vertices) {
-  require(!face_offsets.empty() && face_offsets.front() == 0 && face_offsets.back() == face_vertices.size(), "face offsets do not span the corner list",
-          "they start with 0 and end with the number of corners");
+  require(!face_offsets.empty() && face_offsets.front() == 0 && face_offsets.back() == face_vertices.size(),
+          "face offsets do not span the corner list", "they start with 0 and end with the number of corners");
   auto topology = std::make_shared<MeshTopology>();
   Vec3f lower{INFINITY, INFINITY, INFINITY}, upper{-INFINITY, -INFINITY, -INFINITY};
   for (uint32_t v : face_vertices) {
@@ -128,10 +132,10 @@ Surface make_sphere(double radius, int subdivisions) {
   require(radius > 0, "a sphere needs a positive radius", "in world units");
   require(subdivisions >= 0 && subdivisions <= 10, "a sphere takes 0 to 10 subdivisions", "10 is ten million vertices");
   const double g = std::numbers::phi;
-  std::vector<Vec3d> points{{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g},
-                            {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
-  std::vector<uint32_t> triangles{0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4, 11, 10, 2, 10, 7, 6, 7, 1, 8,
-                                  3, 9, 4, 3, 4, 2, 3, 2, 6, 3, 6, 8, 3, 8, 9, 4, 9, 5, 2, 4, 11, 6, 2, 10, 8, 6, 7, 9, 8, 1};
+  std::vector<Vec3d> points{{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
+                            {0, -1, -g}, {0, 1, -g}, {g, 0, -1},  {g, 0, 1},  {-g, 0, -1}, {-g, 0, 1}};
+  std::vector<uint32_t> triangles{0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4,  11, 10, 2,  10, 7, 6, 7, 1, 8,
+                                  3, 9,  4, 3, 4, 2, 3, 2, 6, 3, 6, 8,  3, 8,  9,  4, 9, 5, 2, 4,  11, 6,  2,  10, 8,  6, 7, 9, 8, 1};
   for (Vec3d& p : points) p = p * (1 / length(p));
   for (int level = 0; level < subdivisions; ++level) {
     std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
@@ -163,10 +167,12 @@ Surface make_box(const Vec3d& size, int segments) {
   require(segments >= 1 && segments <= 2000, "a box takes 1 to 2000 segments a side", "2000 is 24 million vertices");
   const double spacing = std::max({size.x, size.y, size.z}) / segments;
   const std::array<int, 3> n{segments_for(size.x, spacing), segments_for(size.y, spacing), segments_for(size.z, spacing)};
-  return box_grid(n, [&](int i, int j, int k) {
-           return Vec3d{size.x * (static_cast<double>(i) / n[0] - 0.5), size.y * (static_cast<double>(j) / n[1] - 0.5),
-                        size.z * (static_cast<double>(k) / n[2] - 0.5)};
-         }).surface();
+  return box_grid(n,
+                  [&](int i, int j, int k) {
+                    return Vec3d{size.x * (static_cast<double>(i) / n[0] - 0.5), size.y * (static_cast<double>(j) / n[1] - 0.5),
+                                 size.z * (static_cast<double>(k) / n[2] - 0.5)};
+                  })
+      .surface();
 }
 
 Surface make_capsule(double radius, double height, int segments) {
@@ -178,12 +184,14 @@ Surface make_capsule(double radius, double height, int segments) {
   require(straight < 1e5 * spacing, "a capsule this long and thin would need too many quads", "fewer segments, or a larger radius");
   const int rows = straight > 0 ? segments_for(straight, spacing) : 0;
   const auto angle = [&](int i) { return std::tan(std::numbers::pi / 4 * (2.0 * i / n - 1)); };  // equal angles keep the quads alike
-  return box_grid({n, n + rows, n}, [&](int i, int j, int k) {
-           const bool below = j <= n / 2, above = j >= n / 2 + rows;
-           const Vec3d cube{angle(i), below ? angle(j) : above ? angle(j - rows) : 0, angle(k)};
-           const double lift = rows == 0 ? 0 : straight * (below ? -0.5 : above ? 0.5 : static_cast<double>(j - n / 2) / rows - 0.5);
-           return cube * (radius / length(cube)) + Vec3d{0, lift, 0};
-         }).surface();
+  return box_grid({n, n + rows, n},
+                  [&](int i, int j, int k) {
+                    const bool below = j <= n / 2, above = j >= n / 2 + rows;
+                    const Vec3d cube{angle(i), below ? angle(j) : above ? angle(j - rows) : 0, angle(k)};
+                    const double lift = rows == 0 ? 0 : straight * (below ? -0.5 : above ? 0.5 : static_cast<double>(j - n / 2) / rows - 0.5);
+                    return cube * (radius / length(cube)) + Vec3d{0, lift, 0};
+                  })
+      .surface();
 }
 
 Surface make_torus(double radius, double tube, int segments) {

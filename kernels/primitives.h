@@ -7,9 +7,9 @@
 
 namespace knead {
 
-// A Surface from points (local space) and polygons, given as offsets into a corner list (faces + 1 entries). Triangles and quads only: a quad is cut along
-// its shorter diagonal, triangles without area keep their polygon but are left out of `triangles`. Throws Error(kInput) when offsets or indices are out of
-// range. Fills topology and the box; placement is the identity and there are no attributes.
+// A Surface from points (local space) and polygons, given as offsets into a corner list (faces + 1 entries). Triangles and quads only: a quad is cut
+// along its shorter diagonal, triangles without area keep their polygon but are left out of `triangles`. Throws Error(kInput) when offsets or indices
+// are out of range. Fills topology and the box; placement is the identity and there are no attributes.
 Surface make_surface(std::vector<Vec3f> points, std::vector<uint32_t> face_offsets, std::vector<uint32_t> face_vertices);
 Surface make_triangle_surface(std::vector<Vec3f> points, std::vector<uint32_t> triangles);
 
@@ -24,12 +24,13 @@ Surface make_box(const Vec3d& size, int segments);
 // straight part (as many as keep the spacing): 6 e^2 + 4 e m + 2 vertices, quads.
 Surface make_capsule(double radius, double height, int segments);
 
-// Axis y, quads: `segments` around the ring times max(3, round(segments * tube / radius)) around the tube. Throws Error(kInput) unless 0 < tube < radius.
+// Axis y, quads: `segments` around the ring times max(3, round(segments * tube / radius)) around the tube. Throws Error(kInput) unless 0 < tube <
+// radius.
 Surface make_torus(double radius, double tube, int segments);
 
 // Shapes contoured from smooth implicit functions: triangles of near-uniform size, exactly `vertices` of them, genus 0 (primitives_organic.cpp).
-Surface make_blob(double size, int vertices);   // a lumpy body about the origin, about `size` wide
+Surface make_blob(double size, int vertices);    // a lumpy body about the origin, about `size` wide
 Surface make_head(double height, int vertices);  // head and neck, face towards +z, neck cut at the bottom, `height` along y, centred
-Surface make_fist(double size, int vertices);   // right fist about `size` wide, knuckles towards +y, palm towards +z, wrist at the bottom
+Surface make_fist(double size, int vertices);    // right fist about `size` wide, knuckles towards +y, palm towards +z, wrist at the bottom
 
 }  // namespace knead

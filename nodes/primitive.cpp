@@ -7,8 +7,9 @@ namespace {
 
 const char* const kManual = R"(A closed mesh made from a few numbers, so that examples and tests need no files.
 
-`shape` is one of the list below; `size`, `radius`, `height` and `thickness` are in world units, y is up, and the middle of the shape stands at `centre`. All
-shapes are closed, manifold and outward-oriented, and the same parameters give the same bits. `resolution` 0 takes the default in brackets.
+`shape` is one of the list below; `size`, `radius`, `height` and `thickness` are in world units, y is up, and the middle of the shape stands at
+`centre`. All shapes are closed, manifold and outward-oriented, and the same parameters give the same bits. `resolution` 0 takes the default in
+brackets.
 
   shape    made of                                        uses              resolution r means [default]     vertices
   sphere   triangles of a split icosahedron               radius            times split in four [4]          10 * 4^r + 2
@@ -20,15 +21,16 @@ shapes are closed, manifold and outward-oriented, and the same parameters give t
   head     the same; head and neck, face towards +z       height along y    [20]                             6 r^2: 2,400
   fist     the same; right fist, knuckles up, palm +z     height: about the width of the hand  [22]           6 r^2: 2,904
 
-For a box, the sides a, b and c quads long have 2 (ab + bc + ca) + 2 vertices; a capsule's m is the rows on its straight part. blob, head and fist are smooth
-blends of ellipsoids and round cones, contoured and remeshed (kernels/implicit_mesh.h); the head by default stands two units high.)";
+For a box, the sides a, b and c quads long have 2 (ab + bc + ca) + 2 vertices; a capsule's m is the rows on its straight part. blob, head and fist are
+smooth blends of ellipsoids and round cones, contoured and remeshed (kernels/implicit_mesh.h); the head by default stands two units high. A fist that
+punches towards -z is one turned by [-90, 0, 0].)";
 
 constexpr int kMostVertices = 4000000;
 
 class Primitive : public Node {
  public:
-  Param<std::string> shape{this, "shape", "sphere",
-                           {.choices = {"sphere", "box", "capsule", "torus", "plate", "blob", "head", "fist"}, .doc = "what to make"}};
+  Param<std::string> shape{
+      this, "shape", "sphere", {.choices = {"sphere", "box", "capsule", "torus", "plate", "blob", "head", "fist"}, .doc = "what to make"}};
   Param<Triple> size{this, "size", {1, 1, 1}, {.unit = "world", .doc = "sides of a box; a plate uses x and z"}};
   Param<double> radius{this, "radius", 0.5, {.min = 0, .unit = "world", .doc = "of a sphere, a capsule, or a torus's ring"}};
   Param<double> tube{this, "tube", 0.15, {.min = 0, .unit = "world", .doc = "radius of a torus's tube"}};

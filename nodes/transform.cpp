@@ -14,15 +14,15 @@ const char* const kManual = R"(Moves, turns and scales a mesh, once or over fram
 
   x_out = translate + pivot + R (scale * (x - pivot))
 
-in world units. `rotate` is [rx, ry, rz] in degrees, about the world's x first, then y, then z; or {axis: [x, y, z], degrees: a}. `scale` is a number or
-[x, y, z], all positive. Rigid motion and uniform scale change the mesh's placement alone: its points stay the same buffer, so what is built from them (an SDF,
-tets) is built once for all frames. Scale that differs by axis makes new points.
+in world units. `rotate` is [rx, ry, rz] in degrees, about the world's x first, then y, then z; or {axis: [x, y, z], degrees: a}. `scale` is a number
+or [x, y, z], all positive. Rigid motion and uniform scale change the mesh's placement alone: its points stay the same buffer, so what is built from
+them (an SDF, tets) is built once for all frames. Scale that differs by axis makes new points.
 
-`keys` maps frames to {translate, rotate, scale, pivot}; what a key leaves out it takes from the parameters of the same name. Before the first key and after
-the last, that key holds. Between keys, `interpolation`:
+`keys` maps frames to {translate, rotate, scale, pivot}; what a key leaves out it takes from the parameters of the same name. Before the first key and
+after the last, that key holds. Between keys, `interpolation`:
   linear   straight lines; rotations by quaternion slerp, at constant speed
-  smooth   monotone cubics (Fritsch and Carlson 1980) that start and stop gently and never go beyond the keys on either side; rotations follow the same
-           slerps at a continuous speed
+  smooth   monotone cubics (Fritsch and Carlson 1980) that start and stop gently and never go beyond the keys on either side;
+           rotations follow the same slerps at a continuous speed
 A slerp goes the shorter way: to turn further than 180 degrees, put a key in between.
 
   motion: {type: transform, mesh: fist, interpolation: smooth, keys: {1: {translate: [0, 0, 2]}, 24: {translate: [0, 0, 0.6], rotate: [0, 0, 30]}}})";
@@ -111,7 +111,8 @@ class Transform : public Node {
     still.scale = sizing.scale(scale());
     still.pivot = {pivot()[0], pivot()[1], pivot()[2]};
     const Literal::Map* map = keys().as_map();
-    if (!map && !keys().is_null()) keyed.fail(keys(), std::string("expected a map of frames, found ") + keys().kind(), "keys: {1: {translate: [0, 0, 1]}}");
+    if (!map && !keys().is_null())
+      keyed.fail(keys(), std::string("expected a map of frames, found ") + keys().kind(), "keys: {1: {translate: [0, 0, 1]}}");
     poses_.clear();
     for (const auto& [name, value] : map ? *map : Literal::Map{}) {
       const double frame = frame_of(name, keyed);
@@ -135,7 +136,8 @@ class Transform : public Node {
 
   void evaluate(Context& context) const override {
     const double frame = depends_on_frame() ? context.frame() : 0;
-    context.set(surface, posed(context.get(mesh), pose_at(poses_, frame, interpolation() == "smooth" ? Interpolation::kSmooth : Interpolation::kLinear)));
+    context.set(surface,
+                posed(context.get(mesh), pose_at(poses_, frame, interpolation() == "smooth" ? Interpolation::kSmooth : Interpolation::kLinear)));
   }
 
  private:

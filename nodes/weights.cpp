@@ -10,7 +10,8 @@ namespace {
 
 const char* const kManual = R"(Paints a weight on every vertex of a surface: pins, holds, anything that takes Weights.
 
-A vertex gets `inside` in the region, `outside` away from it, and in between, within `falloff` of the region's border, a smoothstep of the distance. Regions:
+A vertex gets `inside` in the region, `outside` away from it, and in between, within `falloff` of the region's border, a smoothstep of the distance.
+Regions:
   all      every vertex
   box      between the corners `lower` and `upper`
   sphere   within `radius` of `centre`
@@ -18,7 +19,8 @@ A vertex gets `inside` in the region, `outside` away from it, and in between, wi
   colour   `channel` of the file's vertex colours, 0 to 1, mixes outside to inside; no falloff
   group    the vertices of the faces in the file's group `group`; no falloff
 `space` says where the numbers are: `world`, as the surface stands, or `local`, as its file has it, before any transform. A vertex within 1e-6 of the
-surface's diagonal of the border counts as inside, so that rounding cannot unpin one. With `onto`, the result is combined with those weights by `combine`.
+surface's diagonal of the border counts as inside, so that rounding cannot unpin one. With `onto`, the result is combined with those weights by
+`combine`.
 
   pins: {type: weights, surface: body, region: plane, normal: [0, 0, 1]}      # pins the vertices with z <= 0)";
 
@@ -58,14 +60,20 @@ class WeightsNode : public Node {
                   "paint both on the same surface");
     Weights painted{Buffer<float>(mesh.vertices())};
     float* out = painted.values.data_for_write();
-    if (region() == "colour") from_colours(mesh, out);
-    else if (region() == "group") from_group(mesh, out);
-    else from_distance(mesh, out);
+    if (region() == "colour")
+      from_colours(mesh, out);
+    else if (region() == "group")
+      from_group(mesh, out);
+    else
+      from_distance(mesh, out);
     for (size_t i = 0; under && i < mesh.vertices(); ++i) {
       const float a = under->values.host()[i];
-      if (combine() == "multiply") out[i] *= a;
-      else if (combine() == "add") out[i] += a;
-      else out[i] = combine() == "max" ? std::max(a, out[i]) : std::min(a, out[i]);
+      if (combine() == "multiply")
+        out[i] *= a;
+      else if (combine() == "add")
+        out[i] += a;
+      else
+        out[i] = combine() == "max" ? std::max(a, out[i]) : std::min(a, out[i]);
     }
     context.set(weights, std::move(painted));
   }
@@ -109,7 +117,9 @@ class WeightsNode : public Node {
       std::string all;
       for (size_t i = 0; i < names.size() && i < 10; ++i) all += (i ? ", " : "it has ") + names[i];
       throw Error(ErrorCode::kInput, "the surface has no group '" + group() + "'",
-                  !near.empty() ? "did you mean '" + near + "'?" : names.empty() ? "it has no groups at all" : all);
+                  !near.empty()   ? "did you mean '" + near + "'?"
+                  : names.empty() ? "it has no groups at all"
+                                  : all);
     }
     const int32_t wanted = static_cast<int32_t>(found - names.begin());
     std::fill(out, out + mesh.vertices(), mixed(0));

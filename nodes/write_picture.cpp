@@ -15,18 +15,18 @@ namespace {
 
 const char* const kManual = R"(Writes a shaded picture of the soft surface and the colliders as PNG. `#`s in `path` and `caption` stand for the frame.
 
-The camera looks at `focus` from `view` (front, back, left, right, top, bottom, three_quarter or [x, y, z] towards the camera) with `up` upwards (x, y, z or a
-vector), through a lens of 26 degrees. At zoom 1 it shows `frame_box` [x0, y0, z0, x1, y1, z1]; without one, the box of the body at rest (of `rest` where it is
-connected), widened by room for the colliders that does not depend on where they are: pictures of a sequence do not jump. Colliders are solid, ghost
-(see-through, so that the dents show) or hidden. `colour` of the body:
+The camera looks at `focus` from `view` (front, back, left, right, top, bottom, three_quarter or [x, y, z] towards the camera) with `up` upwards (x,
+y, z or a vector), through a lens of 26 degrees. At zoom 1 it shows `frame_box` [x0, y0, z0, x1, y1, z1]; without one, the box of the body at rest (of
+`rest` where it is connected), widened by room for the colliders that does not depend on where they are: pictures of a sequence do not jump. Colliders
+are solid, ghost (see-through, so that the dents show) or hidden. `colour` of the body:
   plain          `skin`, as flesh
   displacement   |x - x_rest|, as a fraction of the rest diagonal; needs `rest`
   penetration    depth inside the deepest collider, the same fraction; needs `colliders`
   volume_change  `values`, on a ramp with a neutral middle at 0
   weights        `values` as they are
-Coloured pictures carry a scale bar over `range` [low, high]; without one, over this frame's values: give a range to compare frames. Rays are low-discrepancy
-and the same for any number of threads, so a picture is the same bytes again. `samples` are the rays of a pixel on an edge; a quarter of them gather light and
-soft shadow elsewhere. The file appears whole or not at all.)";
+Coloured pictures carry a scale bar over `range` [low, high]; without one, over this frame's values: give a range to compare frames. Rays are
+low-discrepancy and the same for any number of threads, so a picture is the same bytes again. `samples` are the rays of a pixel on an edge; a quarter
+of them gather light and soft shadow elsewhere. The file appears whole or not at all.)";
 
 // What finds a collider's depth, kept over frames in which it only moves.
 struct ColliderDepth {
@@ -44,7 +44,8 @@ std::vector<double> numbers_of(const Literal& literal, size_t count, const char*
   const Literal::List* list = literal.as_list();
   for (const Literal& l : list ? *list : Literal::List{})
     if (l.is_number() && std::isfinite(l.number())) numbers.push_back(l.number());
-  if (!list || numbers.size() != count || list->size() != count) refuse(member, "expected " + std::to_string(count) + " numbers, found " + literal.text(), hint);
+  if (!list || numbers.size() != count || list->size() != count)
+    refuse(member, "expected " + std::to_string(count) + " numbers, found " + literal.text(), hint);
   return numbers;
 }
 
@@ -66,13 +67,15 @@ class WritePicture : public Node {
   ManyIn<Surface> colliders{this, "colliders", {.unit = "world", .doc = "what presses it"}};
   OptionalIn<Weights> values{this, "values", {.shape = "vertices", .doc = "what to colour by: volume_change or weights"}};
   Param<std::string> path{this, "path", "picture.####.png", {.doc = "the file; #### is the frame"}};
-  Param<std::string> colour{this, "colour", "plain", {.choices = {"plain", "displacement", "penetration", "volume_change", "weights"}, .doc = "of the body"}};
+  Param<std::string> colour{
+      this, "colour", "plain", {.choices = {"plain", "displacement", "penetration", "volume_change", "weights"}, .doc = "of the body"}};
   Param<Literal> range{this, "range", Literal{}, {.doc = "[low, high] of the scale bar; this frame's when unset"}};
   Param<std::string> look{this, "look", "solid", {.choices = {"solid", "ghost", "hidden"}, .doc = "of the colliders"}};
   Param<Literal> view{this, "view", "three_quarter", {.doc = "from where: a name or a direction"}};
   Param<Literal> up{this, "up", "y", {.doc = "what stands upright: x, y, z or a direction"}};
   Param<Literal> focus{this, "focus", Literal{}, {.unit = "world", .doc = "[x, y, z] in the middle; the frame's centre when unset"}};
-  Param<Literal> frame_of_view{this, "frame_box", Literal{}, {.unit = "world", .doc = "[x0, y0, z0, x1, y1, z1] that fills the picture; automatic when unset"}};
+  Param<Literal> frame_of_view{
+      this, "frame_box", Literal{}, {.unit = "world", .doc = "[x0, y0, z0, x1, y1, z1] that fills the picture; automatic when unset"}};
   Param<double> zoom{this, "zoom", 1, {.min = 0.01, .max = 1000, .doc = "2 shows half as much"}};
   Param<int> width{this, "width", 640, {.min = 16, .max = 16384, .unit = "pixels", .doc = "of the picture; 16.7 million pixels in all are the most"}};
   Param<int> height{this, "height", 480, {.min = 16, .max = 16384, .unit = "pixels", .doc = "of the picture"}};
@@ -98,18 +101,25 @@ class WritePicture : public Node {
       const std::vector<std::string> known{"front", "back", "left", "right", "top", "bottom", "three_quarter"};
       const std::optional<Vec3d> found = view_direction(*name, settings_.up);
       const std::string near = nearest_name(*name, known);
-      if (!found) refuse("view", "unknown view '" + *name + "'", near.empty() ? "front, back, left, right, top, bottom, three_quarter or [x, y, z]" : "did you mean '" + near + "'?");
+      if (!found)
+        refuse("view", "unknown view '" + *name + "'",
+               near.empty() ? "front, back, left, right, top, bottom, three_quarter or [x, y, z]" : "did you mean '" + near + "'?");
       settings_.view = *found;
     } else {
       settings_.view = direction(view, "view", "a name such as front, or [x, y, z] towards the camera");
     }
     if (length(cross(settings_.up, settings_.view)) <= 1e-6 * length(settings_.up) * length(settings_.view))
       refuse("view", "the camera looks along `up`", "choose another up or view");
-    if (!focus().is_null()) settings_.focus = [&] { const auto f = numbers_of(focus(), 3, "focus", "[x, y, z]"); return Vec3d{f[0], f[1], f[2]}; }();
+    if (!focus().is_null())
+      settings_.focus = [&] {
+        const auto f = numbers_of(focus(), 3, "focus", "[x, y, z]");
+        return Vec3d{f[0], f[1], f[2]};
+      }();
     framed_ = !frame_of_view().is_null();
     if (framed_) {
       const auto b = numbers_of(frame_of_view(), 6, "frame_box", "[x0, y0, z0, x1, y1, z1]");
-      settings_.frame = {{std::min(b[0], b[3]), std::min(b[1], b[4]), std::min(b[2], b[5])}, {std::max(b[0], b[3]), std::max(b[1], b[4]), std::max(b[2], b[5])}};
+      settings_.frame = {{std::min(b[0], b[3]), std::min(b[1], b[4]), std::min(b[2], b[5])},
+                         {std::max(b[0], b[3]), std::max(b[1], b[4]), std::max(b[2], b[5])}};
     }
     if (!range().is_null()) {
       const auto r = numbers_of(range(), 2, "range", "[low, high]");
@@ -140,7 +150,9 @@ class WritePicture : public Node {
     settings.floor = lowest_height(still, settings.up);
     const std::vector<float> shown = shown_values(context, body, pressing);
     if (!shown.empty() && range().is_null()) fit_range(settings, shown, colour() == "displacement" || colour() == "penetration");
-    settings.label = colour() == "displacement" || colour() == "penetration" ? colour() + " / diagonal" : colour() == "volume_change" ? "volume change" : colour();
+    settings.label = colour() == "displacement" || colour() == "penetration" ? colour() + " / diagonal"
+                     : colour() == "volume_change"                           ? "volume change"
+                                                                             : colour();
     if (!caption().empty()) settings.caption = caption().find('#') == std::string::npos ? caption() : frame_path(caption(), context.frame());
     const Image image = render_picture(body, shown, pressing, settings, context.executor(), [&] { context.check_cancelled(); });
     write_png(has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path(), image);
@@ -155,7 +167,8 @@ class WritePicture : public Node {
     if (colour() == "displacement") {
       const Surface* still = context.get(rest);
       if (!still) throw Error(ErrorCode::kInput, "displacement from what?", "connect `rest` to the undeformed surface");
-      if (still->vertices() != points.size()) throw Error(ErrorCode::kInput, "`rest` has another number of vertices than `surface`", "connect the same body");
+      if (still->vertices() != points.size())
+        throw Error(ErrorCode::kInput, "`rest` has another number of vertices than `surface`", "connect the same body");
       const auto from = still->points.host();
       for (size_t i = 0; i < points.size(); ++i)
         shown[i] = static_cast<float>(length(body.placement.apply(to_double(points[i])) - still->placement.apply(to_double(from[i]))) * per_diagonal);
@@ -165,7 +178,8 @@ class WritePicture : public Node {
       const Weights* given = context.get(values);
       if (!given) throw Error(ErrorCode::kInput, "colour by " + colour() + " has no values", "connect `values`");
       if (given->values.size() != points.size())
-        throw Error(ErrorCode::kInput, std::to_string(given->values.size()) + " values for " + std::to_string(points.size()) + " vertices", "connect values of the same body");
+        throw Error(ErrorCode::kInput, std::to_string(given->values.size()) + " values for " + std::to_string(points.size()) + " vertices",
+                    "connect values of the same body");
       shown.assign(given->values.host().begin(), given->values.host().end());
     }
     return shown;
@@ -175,9 +189,8 @@ class WritePicture : public Node {
     const std::vector<uint32_t>& triangles = collider.topology->triangles;
     if (triangles.empty()) return;
     const Key key = Hasher().add("write_picture depth").add(collider.points.id()).bytes(triangles.data(), triangles.size() * sizeof(uint32_t)).key();
-    const Value made = context.once(key, [&] {
-      return Value::of<ColliderDepth>({std::make_shared<MeshDistance>(collider.points.host(), triangles, &context.executor())});
-    });
+    const Value made = context.once(
+        key, [&] { return Value::of<ColliderDepth>({std::make_shared<MeshDistance>(collider.points.host(), triangles, &context.executor())}); });
     const MeshDistance& solid = *made.as<ColliderDepth>().distance;
     const Similarity to_collider = collider.placement.inverse() * body.placement;
     const auto points = body.points.host();

@@ -18,7 +18,8 @@
 namespace knead::picture_test {
 namespace {
 
-Image pictured(const Surface& body, const std::vector<const Surface*>& colliders, PictureSettings settings, int threads = 2, std::span<const float> values = {}) {
+Image pictured(const Surface& body, const std::vector<const Surface*>& colliders, PictureSettings settings, int threads = 2,
+               std::span<const float> values = {}) {
   settings.width = std::min(settings.width, 160);
   settings.height = std::min(settings.height, 120);
   const auto executor = make_cpu_executor(threads);
@@ -33,8 +34,12 @@ PictureSettings framing(const Surface& body) {
   return settings;
 }
 
-double luminance(const Image& image, int x, int y) { return 0.3 * image.at(x, y)[0] + 0.6 * image.at(x, y)[1] + 0.1 * image.at(x, y)[2]; }
-bool reddish(const Image& image, int x, int y) { return image.at(x, y)[0] > image.at(x, y)[2] + 20; }
+double luminance(const Image& image, int x, int y) {
+  return 0.3 * image.at(x, y)[0] + 0.6 * image.at(x, y)[1] + 0.1 * image.at(x, y)[2];
+}
+bool reddish(const Image& image, int x, int y) {
+  return image.at(x, y)[0] > image.at(x, y)[2] + 20;
+}
 
 // The share of pixels that differ by more than `step` in a channel.
 double difference(const Image& a, const Image& b, int step) {
@@ -162,7 +167,8 @@ TEST(Picture, ColoursByValuesAndShowsTheirScale) {
 }
 
 TEST(Picture, FrameDoesNotDependOnWhereCollidersAre) {
-  const Surface head = make_head(2, 600), fist = make_fist(1, 600), moved = posed(fist, {.translate = {0, 0, 5}, .rotate = rotation_xyz({10, 20, 30})});
+  const Surface head = make_head(2, 600), fist = make_fist(1, 600),
+                moved = posed(fist, {.translate = {0, 0, 5}, .rotate = rotation_xyz({10, 20, 30})});
   const Box a = frame_box(head, {&fist}), b = frame_box(head, {&moved});
   for (int k = 0; k < 3; ++k) {
     EXPECT_EQ(a.lower[k], b.lower[k]);
@@ -225,7 +231,8 @@ TEST(FitRange, IsNeverEmptyAndSkipsWhatIsNotFinite) {
 
 TEST(RenderScene, CreasesSharpEdgesAndSmoothsRoundOnes) {
   const Surface cube = make_box({1, 1, 1}, 1), ball = make_sphere(1, 3);
-  for (const Vec3f& n : smooth_corner_normals(cube.points.host(), cube.topology->triangles, 40)) EXPECT_NEAR(std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z)}), 1, 1e-6);
+  for (const Vec3f& n : smooth_corner_normals(cube.points.host(), cube.topology->triangles, 40))
+    EXPECT_NEAR(std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z)}), 1, 1e-6);
   const std::vector<Vec3f> normals = smooth_corner_normals(ball.points.host(), ball.topology->triangles, 60);
   for (size_t c = 0; c < normals.size(); ++c) EXPECT_GT(dot(normals[c], ball.points.host()[ball.topology->triangles[c]]), 0.999f);
 }

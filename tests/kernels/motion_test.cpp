@@ -14,7 +14,9 @@ Vec3d turned(const Quaternion& q, const Vec3d& v) {
   s.rotation = q.matrix();
   return s.rotate(v);
 }
-void expect_near(const Vec3d& a, const Vec3d& b, double within = 1e-12) { EXPECT_NEAR(length(a - b), 0, within) << a.x << " " << a.y << " " << a.z; }
+void expect_near(const Vec3d& a, const Vec3d& b, double within = 1e-12) {
+  EXPECT_NEAR(length(a - b), 0, within) << a.x << " " << a.y << " " << a.z;
+}
 
 PoseKey key(double frame, const Vec3d& translate, const Quaternion& rotate = {}) {
   PoseKey k{frame, {}};
@@ -58,7 +60,8 @@ TEST(Motion, SmoothStartsGentlyAndNeverGoesBeyondTheKeys) {
 }
 
 TEST(Motion, SmoothHasAContinuousSpeedOverAKey) {
-  const std::vector<PoseKey> keys{key(0, {0, 0, 0}, {}), key(10, {1, 0, 0}, rotation_about({0, 0, 1}, 60)), key(16, {3, 0, 0}, rotation_about({0, 0, 1}, 150))};
+  const std::vector<PoseKey> keys{key(0, {0, 0, 0}, {}), key(10, {1, 0, 0}, rotation_about({0, 0, 1}, 60)),
+                                  key(16, {3, 0, 0}, rotation_about({0, 0, 1}, 150))};
   const auto at = [&](double f) { return pose_at(keys, f, Interpolation::kSmooth).translate.x; };
   const auto angle = [&](double f) { return std::acos(pose_at(keys, f, Interpolation::kSmooth).rotate.w); };
   const double h = 1e-4;

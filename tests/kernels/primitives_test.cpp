@@ -50,10 +50,10 @@ bool same_bits(const Surface& a, const Surface& b) {
 }
 
 TEST(Primitives, AreClosedOrientedOutwardsAndOfTheRightTopology) {
-  const std::vector<std::pair<Surface, long>> all = {
-      {make_sphere(2, 0), 2},      {make_sphere(1, 3), 2},   {make_box({1, 2, 3}, 7), 2},      {make_box({1, 1, 1}, 1), 2}, {make_box({1, 0.01, 1}, 12), 2},
-      {make_capsule(0.3, 2, 5), 2}, {make_capsule(1, 1, 4), 2}, {make_torus(1, 0.3, 24), 0}, {make_blob(1, 700), 2},     {make_head(2, 900), 2},
-      {make_fist(1, 1000), 2}};
+  const std::vector<std::pair<Surface, long>> all = {{make_sphere(2, 0), 2},      {make_sphere(1, 3), 2},          {make_box({1, 2, 3}, 7), 2},
+                                                     {make_box({1, 1, 1}, 1), 2}, {make_box({1, 0.01, 1}, 12), 2}, {make_capsule(0.3, 2, 5), 2},
+                                                     {make_capsule(1, 1, 4), 2},  {make_torus(1, 0.3, 24), 0},     {make_blob(1, 700), 2},
+                                                     {make_head(2, 900), 2},      {make_fist(1, 1000), 2}};
   for (size_t i = 0; i < all.size(); ++i) {
     const Shape shape = measured(all[i].first);
     EXPECT_EQ(shape.unmatched, 0) << i;
@@ -108,7 +108,8 @@ TEST(Primitives, KeepTheirEdgesAlike) {
 
 TEST(Primitives, ScaleWithTheirSize) {
   const Surface one = make_fist(1, 600), large = make_fist(1000, 600);
-  for (size_t i = 0; i < one.vertices(); ++i) EXPECT_NEAR(length(to_double(large.points.host()[i]) - 1000 * to_double(one.points.host()[i])), 0, 1e-3);
+  for (size_t i = 0; i < one.vertices(); ++i)
+    EXPECT_NEAR(length(to_double(large.points.host()[i]) - 1000 * to_double(one.points.host()[i])), 0, 1e-3);
   const Surface head = make_head(30, 600);
   EXPECT_NEAR(head.upper.y - head.lower.y, 30, 0.1);
 }

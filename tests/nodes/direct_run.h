@@ -35,7 +35,9 @@ class DirectRun final : public Context {
     return *this;
   }
   template <class T>
-  const T& result(size_t output = 0) const { return outputs_[output].template as<T>(); }
+  const T& result(size_t output = 0) const {
+    return outputs_[output].template as<T>();
+  }
   const Node& node() const { return *node_; }
   int made_once() const { return made_once_; }
 

@@ -9,7 +9,9 @@ void register_primitive(Registry&);
 namespace knead::primitive_test {
 namespace {
 
-Surface made(const Literal::Map& arguments) { return direct::DirectRun(register_primitive, "primitive", arguments).at(1).result<Surface>(); }
+Surface made(const Literal::Map& arguments) {
+  return direct::DirectRun(register_primitive, "primitive", arguments).at(1).result<Surface>();
+}
 
 TEST(Primitive, MakesEveryShapeItLists) {
   direct::DirectRun run(register_primitive, "primitive", {});
@@ -36,7 +38,9 @@ TEST(Primitive, TakesSizesInWorldUnitsAndACentre) {
   EXPECT_FLOAT_EQ(plate.upper.z - plate.lower.z, 2);
 }
 
-TEST(Primitive, DoesNotDependOnTheFrame) { EXPECT_FALSE(direct::DirectRun(register_primitive, "primitive", {}).node().depends_on_frame()); }
+TEST(Primitive, DoesNotDependOnTheFrame) {
+  EXPECT_FALSE(direct::DirectRun(register_primitive, "primitive", {}).node().depends_on_frame());
+}
 
 TEST(Primitive, SaysWhatMakesNoSolid) {
   EXPECT_THROW(made({{"shape", "sphere"}, {"radius", 0}}), Error);

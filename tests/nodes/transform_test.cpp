@@ -20,7 +20,9 @@ direct::DirectRun moving(const Map& arguments) {
   run.give("mesh", make_sphere(1, 1));
   return run;
 }
-Vec3d origin_at(direct::DirectRun& run, int frame) { return run.at(frame).result<Surface>().placement.apply({0, 0, 0}); }
+Vec3d origin_at(direct::DirectRun& run, int frame) {
+  return run.at(frame).result<Surface>().placement.apply({0, 0, 0});
+}
 std::string error_of(const Map& arguments) {
   try {
     moving(arguments);
@@ -62,7 +64,9 @@ TEST(Transform, AKeyTakesWhatItLeavesOutFromTheParameters) {
   EXPECT_EQ(run.at(2).result<Surface>().placement.scale, 3);
 }
 
-TEST(Transform, OneKeyIsNoMotion) { EXPECT_FALSE(moving({{"keys", Map{{5, Map{{"scale", 2}}}}}}).node().depends_on_frame()); }
+TEST(Transform, OneKeyIsNoMotion) {
+  EXPECT_FALSE(moving({{"keys", Map{{5, Map{{"scale", 2}}}}}}).node().depends_on_frame());
+}
 
 TEST(Transform, TakesFramesAsJsonWritesThem) {
   auto run = moving({{"keys", Map{{"1", Map{}}, {"3", Map{{"translate", List{4, 0, 0}}}}}}});
@@ -70,7 +74,8 @@ TEST(Transform, TakesFramesAsJsonWritesThem) {
 }
 
 TEST(Transform, SmoothStaysBetweenItsKeys) {
-  auto run = moving({{"interpolation", "smooth"}, {"keys", Map{{1, Map{}}, {5, Map{{"translate", List{1, 0, 0}}}}, {6, Map{{"translate", List{1, 0, 0}}}}}}});
+  auto run = moving(
+      {{"interpolation", "smooth"}, {"keys", Map{{1, Map{}}, {5, Map{{"translate", List{1, 0, 0}}}}, {6, Map{{"translate", List{1, 0, 0}}}}}}});
   EXPECT_DOUBLE_EQ(origin_at(run, 3).x, 0.5);
   EXPECT_LT(origin_at(run, 2).x, 0.25);
   for (int frame = 1; frame < 7; ++frame) EXPECT_LE(origin_at(run, frame).x, 1);

@@ -25,7 +25,9 @@ std::vector<float> painted(const Literal::Map& arguments, const Surface& surface
   return {values.begin(), values.end()};
 }
 
-TEST(WeightsNode, PaintsEveryVertexByDefault) { EXPECT_EQ(painted({{"inside", 0.5}}), (std::vector<float>{0.5, 0.5, 0.5, 0.5, 0.5})); }
+TEST(WeightsNode, PaintsEveryVertexByDefault) {
+  EXPECT_EQ(painted({{"inside", 0.5}}), (std::vector<float>{0.5, 0.5, 0.5, 0.5, 0.5}));
+}
 
 TEST(WeightsNode, PaintsBehindAPlaneInWorldOrLocalSpace) {
   const Literal::Map local{{"region", "plane"}, {"space", "local"}, {"point", List{1, 0, 0}}, {"normal", List{5, 0, 0}}};
@@ -35,7 +37,8 @@ TEST(WeightsNode, PaintsBehindAPlaneInWorldOrLocalSpace) {
 }
 
 TEST(WeightsNode, FallsOffSmoothlyOutsideTheRegion) {
-  const std::vector<float> w = painted({{"region", "sphere"}, {"centre", List{10, 0, 0}}, {"radius", 0.5}, {"falloff", 2}, {"inside", 3}, {"outside", 1}});
+  const std::vector<float> w =
+      painted({{"region", "sphere"}, {"centre", List{10, 0, 0}}, {"radius", 0.5}, {"falloff", 2}, {"inside", 3}, {"outside", 1}});
   EXPECT_FLOAT_EQ(w[0], 3);
   const double t = 0.75;
   EXPECT_NEAR(w[1], 1 + 2 * t * t * (3 - 2 * t), 1e-4);

@@ -16,7 +16,9 @@ namespace {
 
 using List = Literal::List;
 
-std::string scratch(const std::string& name) { return (std::filesystem::path(testing::TempDir()) / "knead_write_picture_test" / name).string(); }
+std::string scratch(const std::string& name) {
+  return (std::filesystem::path(testing::TempDir()) / "knead_write_picture_test" / name).string();
+}
 
 direct::DirectRun drawing(Literal::Map arguments, const std::string& path) {
   arguments.push_back({"path", path});
