@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <numeric>
 #include <random>
 
@@ -96,7 +97,10 @@ TEST(LatticeCoordinates, MeanValueReproducesIsPositiveAndSumsToOne) {
 
 TEST(LatticeCoordinates, MeanValueIsBarycentricOnTheCage) {
   const Cage cage(true);
-  for (const Vec3d& p : {Vec3d{1, 1, 1}, Vec3d{0, 0, 1}, Vec3d{1, -1, -1}}) EXPECT_EQ(*std::max_element(cage.at(p).begin(), cage.at(p).end()), 1);
+  for (const Vec3d& p : {Vec3d{1, 1, 1}, Vec3d{0, 0, 1}, Vec3d{1, -1, -1}}) {
+    const auto w = cage.at(p);
+    EXPECT_EQ(*std::max_element(w.begin(), w.end()), 1);
+  }
   const auto on_edge = cage.at({-0.5, -1, 1});
   EXPECT_NEAR(on_edge[4], 0.5, 1e-12);
   EXPECT_NEAR(on_edge[8], 0.5, 1e-12);
