@@ -27,7 +27,7 @@ std::string vdb_test_file(const std::string& name) {
 }
 
 // In world units, whatever the placement.
-double sample_world(const Sdf& sdf, const Vec3d& world) {
+double vdb_sample_world(const Sdf& sdf, const Vec3d& world) {
   const Vec3d local = sdf.placement.inverse().apply(world);
   const float far = 1e9f;
   const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
@@ -43,9 +43,9 @@ Sdf vdb_test_ball(double radius, double voxel, knead::Executor& executor) {
   return knead::build_sdf(executor, plan, [&](const Vec3d& p, uint32_t&) { return length(p) - radius; });
 }
 
-void write_grid(const std::string& path, const openvdb::GridBase::Ptr& grid) { openvdb::io::File(path).write({grid}); }
+void write_vdb_grid(const std::string& path, const openvdb::GridBase::Ptr& grid) { openvdb::io::File(path).write({grid}); }
 
-std::string refusal(const std::string& path, const std::string& name = "") {
+std::string vdb_refusal(const std::string& path, const std::string& name = "") {
   const auto executor = knead::make_serial_executor();
   try {
     knead::read_sdf(path, name, *executor);
@@ -62,9 +62,9 @@ TEST(Vdb, BuildsTheDistanceAtEveryDepth) {
   const Sdf sdf = vdb_test_ball(1, h, *executor);
   for (double r = 0; r < 1.04; r += 0.013) {
     const Vec3d p{0.48 * r, -0.6 * r, 0.64 * r};
-    EXPECT_NEAR(sample_world(sdf, p), r - 1, r < 0.1 ? 0.8 * h : r < 0.8 ? 0.3 * h : 0.03 * h) << r;
+    EXPECT_NEAR(vdb_sample_world(sdf, p), r - 1, r < 0.1 ? 0.8 * h : r < 0.8 ? 0.3 * h : 0.03 * h) << r;
   }
-  EXPECT_FLOAT_EQ(static_cast<float>(sample_world(sdf, {1.5, 0, 0})), static_cast<float>(4 * h));
+  EXPECT_FLOAT_EQ(static_cast<float>(vdb_sample_world(sdf, {1.5, 0, 0})), static_cast<float>(4 * h));
   EXPECT_NEAR(sdf.inside_depth, 1, 2 * h);
   EXPECT_NEAR(sdf.outside_band, 2.25 * h, 1e-6);
 }
@@ -112,7 +112,7 @@ TEST(Vdb, ReadsItsOwnFilesInBothFormatsWithTheirPlace) {
     EXPECT_TRUE(read.warnings.empty()) << read.warnings[0];
     for (const Vec3d& p : {Vec3d{1, -0.4, 0.2}, Vec3d{0, 0, 0.1}, Vec3d{0.5, 2.9, 0}, Vec3d{-3.1, 0, 0.3}, Vec3d{30, 0, 0}}) {
       const Vec3d world = p + sdf.placement.translation;
-      EXPECT_NEAR(sample_world(read.sdf, world), sample_world(sdf, world), 1e-4) << name;
+      EXPECT_NEAR(vdb_sample_world(read.sdf, world), vdb_sample_world(sdf, world), 1e-4) << name;
     }
     EXPECT_NEAR(read.sdf.inside_depth * read.sdf.placement.scale, 3, 0.2);
   }
@@ -137,10 +137,10 @@ TEST(Vdb, CompletesANarrowBandToTheMedialAxis) {
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "shared data is absent";
   const auto executor = knead::make_cpu_executor(2);
   const Sdf sphere = knead::read_sdf(folder + "sphere_levelset.vdb", "", *executor).sdf;
-  for (double r = 0; r < 1.1; r += 0.03) EXPECT_NEAR(sample_world(sphere, {0.6 * r, 0, -0.8 * r}), r - 1, r < 0.1 ? 0.04 : 0.015) << r;
+  for (double r = 0; r < 1.1; r += 0.03) EXPECT_NEAR(vdb_sample_world(sphere, {0.6 * r, 0, -0.8 * r}), r - 1, r < 0.1 ? 0.04 : 0.015) << r;
   const Sdf torus = knead::read_sdf(folder + "torus_levelset.vdb", "surface", *executor).sdf;
-  for (double r = 0; r < 0.39; r += 0.02) EXPECT_NEAR(sample_world(torus, {1 + 0.6 * r, 0.8 * r, 0}), r - 0.3, r < 0.06 ? 0.03 : 0.015) << r;
-  EXPECT_FLOAT_EQ(static_cast<float>(sample_world(torus, {0, 0, 0})), 0.12f);
+  for (double r = 0; r < 0.39; r += 0.02) EXPECT_NEAR(vdb_sample_world(torus, {1 + 0.6 * r, 0.8 * r, 0}), r - 0.3, r < 0.06 ? 0.03 : 0.015) << r;
+  EXPECT_FLOAT_EQ(static_cast<float>(vdb_sample_world(torus, {0, 0, 0})), 0.12f);
 }
 
 TEST(Vdb, TakesDistancesFromAGridFarAwayAndTurned) {
@@ -152,10 +152,10 @@ TEST(Vdb, TakesDistancesFromAGridFarAwayAndTurned) {
   grid->setTransform(transform);
   grid->setName("far");
   const std::string path = vdb_test_file("far.vdb");
-  write_grid(path, grid);
+  write_vdb_grid(path, grid);
   const auto executor = knead::make_serial_executor();
   const Sdf sdf = knead::read_sdf(path, "far", *executor).sdf;
-  for (double r = 0.1; r < 1.1; r += 0.1) EXPECT_NEAR(sample_world(sdf, Vec3d{1e6, -1e6, 1e6} + Vec3d{0, 0.6 * r, 0.8 * r}), r - 1, 0.01);
+  for (double r = 0.1; r < 1.1; r += 0.1) EXPECT_NEAR(vdb_sample_world(sdf, Vec3d{1e6, -1e6, 1e6} + Vec3d{0, 0.6 * r, 0.8 * r}), r - 1, 0.01);
 }
 
 TEST(Vdb, SaysWhatIsWrongWithAFile) {
@@ -163,38 +163,38 @@ TEST(Vdb, SaysWhatIsWrongWithAFile) {
   auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(1.0f, openvdb::Vec3f(0), 0.1f, 3.0f);
   sphere->setName("ball");
   const std::string good = vdb_test_file("good.vdb");
-  write_grid(good, sphere);
-  EXPECT_EQ(refusal(good), "");
-  EXPECT_NE(refusal(good, "bal").find("did you mean 'ball'"), std::string::npos);
+  write_vdb_grid(good, sphere);
+  EXPECT_EQ(vdb_refusal(good), "");
+  EXPECT_NE(vdb_refusal(good, "bal").find("did you mean 'ball'"), std::string::npos);
 
   auto stretched = sphere->deepCopy();
   stretched->setTransform(openvdb::math::Transform::createLinearTransform(openvdb::math::Mat4d(0.1, 0., 0., 0., 0., 0.2, 0., 0., 0., 0., 0.1, 0., 0., 0., 0., 1.)));
-  write_grid(vdb_test_file("stretched.vdb"), stretched);
-  EXPECT_NE(refusal(vdb_test_file("stretched.vdb")).find("0.1 x 0.2 x 0.1"), std::string::npos);
+  write_vdb_grid(vdb_test_file("stretched.vdb"), stretched);
+  EXPECT_NE(vdb_refusal(vdb_test_file("stretched.vdb")).find("0.1 x 0.2 x 0.1"), std::string::npos);
 
   auto fog = sphere->deepCopy();
   fog->setGridClass(openvdb::GRID_FOG_VOLUME);
-  write_grid(vdb_test_file("fog.vdb"), fog);
-  EXPECT_NE(refusal(vdb_test_file("fog.vdb")).find("fog volume"), std::string::npos);
+  write_vdb_grid(vdb_test_file("fog.vdb"), fog);
+  EXPECT_NE(vdb_refusal(vdb_test_file("fog.vdb")).find("fog volume"), std::string::npos);
 
   auto bad = sphere->deepCopy();
   bad->tree().setValue(openvdb::Coord(9, 0, 0), NAN);
-  write_grid(vdb_test_file("nan.vdb"), bad);
-  EXPECT_NE(refusal(vdb_test_file("nan.vdb")).find("not finite"), std::string::npos);
+  write_vdb_grid(vdb_test_file("nan.vdb"), bad);
+  EXPECT_NE(vdb_refusal(vdb_test_file("nan.vdb")).find("not finite"), std::string::npos);
 
   auto vectors = openvdb::Vec3SGrid::create();
   vectors->tree().setValue(openvdb::Coord(0, 0, 0), openvdb::Vec3f(1));
   vectors->setName("v");
-  write_grid(vdb_test_file("vectors.vdb"), vectors);
-  EXPECT_NE(refusal(vdb_test_file("vectors.vdb")).find("no scalar grid"), std::string::npos);
-  EXPECT_NE(refusal(vdb_test_file("vectors.vdb"), "v").find("not float"), std::string::npos);
+  write_vdb_grid(vdb_test_file("vectors.vdb"), vectors);
+  EXPECT_NE(vdb_refusal(vdb_test_file("vectors.vdb")).find("no scalar grid"), std::string::npos);
+  EXPECT_NE(vdb_refusal(vdb_test_file("vectors.vdb"), "v").find("not float"), std::string::npos);
 
   auto empty = openvdb::FloatGrid::create(1.0f);
-  write_grid(vdb_test_file("empty.vdb"), empty);
-  EXPECT_NE(refusal(vdb_test_file("empty.vdb")).find("empty"), std::string::npos);
+  write_vdb_grid(vdb_test_file("empty.vdb"), empty);
+  EXPECT_NE(vdb_refusal(vdb_test_file("empty.vdb")).find("empty"), std::string::npos);
 
-  EXPECT_NE(refusal(vdb_test_file("not_there.vdb")), "");
-  EXPECT_NE(refusal(vdb_test_file("ball.obj")).find(".vdb or .nvdb"), std::string::npos);
+  EXPECT_NE(vdb_refusal(vdb_test_file("not_there.vdb")), "");
+  EXPECT_NE(vdb_refusal(vdb_test_file("ball.obj")).find(".vdb or .nvdb"), std::string::npos);
 }
 
 TEST(Vdb, RefusesGarbageAndCutFiles) {
@@ -205,10 +205,10 @@ TEST(Vdb, RefusesGarbageAndCutFiles) {
     const std::string bytes = knead::read_whole_file(whole);
     for (const size_t size : {size_t{0}, size_t{3}, size_t{40}, bytes.size() / 3, bytes.size() - 100}) {
       std::ofstream(broken, std::ios::binary) << bytes.substr(0, size);
-      EXPECT_NE(refusal(broken), "") << extension << ' ' << size;
+      EXPECT_NE(vdb_refusal(broken), "") << extension << ' ' << size;
     }
     std::ofstream(broken, std::ios::binary) << std::string(5000, 'x');
-    EXPECT_NE(refusal(broken), "");
+    EXPECT_NE(vdb_refusal(broken), "");
   }
 }
 
@@ -218,7 +218,7 @@ TEST(Vdb, WarnsOfOtherUnitsAndOfAMissingClass) {
   sphere->setTransform(openvdb::math::Transform::createLinearTransform(10.0));  // millimetres for the place, centimetres for the distance
   sphere->setGridClass(openvdb::GRID_UNKNOWN);
   const std::string path = vdb_test_file("units.vdb");
-  write_grid(path, sphere);
+  write_vdb_grid(path, sphere);
   const auto executor = knead::make_serial_executor();
   const ReadSdf read = knead::read_sdf(path, "", *executor);
   ASSERT_EQ(read.warnings.size(), 2u);

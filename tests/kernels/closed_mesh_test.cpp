@@ -45,7 +45,7 @@ bool closed_as_a_chain(const ClosedMesh& mesh) {
   return true;
 }
 
-double winding(const ClosedMesh& mesh, const Vec3d& p) {
+double closed_mesh_winding(const ClosedMesh& mesh, const Vec3d& p) {
   std::vector<Vec3d> points;
   for (const Vec3f& q : mesh.points) points.push_back(to_double(q));
   return knead::winding_number_exact(points, mesh.triangles, p);
@@ -87,8 +87,8 @@ TEST(ClosedMesh, KeepsACavityAndTurnsItWithItsShell) {
     if (all_inside_out)
       for (size_t t = 0; t < input.triangles.size() / 3; ++t) input.turn(t);
     const ClosedMesh mesh = input.close();
-    EXPECT_NEAR(winding(mesh, {0, 0, 0}), 0, 1e-9);
-    EXPECT_NEAR(winding(mesh, {1.5, 0, 0}), 1, 1e-9);
+    EXPECT_NEAR(closed_mesh_winding(mesh, {0, 0, 0}), 0, 1e-9);
+    EXPECT_NEAR(closed_mesh_winding(mesh, {1.5, 0, 0}), 1, 1e-9);
     EXPECT_EQ(mesh.pieces_turned, all_inside_out ? 2u : 0u);
   }
 }
@@ -105,8 +105,8 @@ TEST(ClosedMesh, ClosesOpenings) {
   const ClosedMesh mesh = input.close();
   EXPECT_TRUE(closed_as_a_chain(mesh));
   EXPECT_EQ(mesh.rims, 1u);
-  EXPECT_NEAR(winding(mesh, {0, 0, 0}), 1, 1e-9);
-  EXPECT_NEAR(winding(mesh, {0, 0.8, 0}), 0, 1e-9);
+  EXPECT_NEAR(closed_mesh_winding(mesh, {0, 0, 0}), 1, 1e-9);
+  EXPECT_NEAR(closed_mesh_winding(mesh, {0, 0.8, 0}), 0, 1e-9);
 }
 
 TEST(ClosedMesh, ClosesTheSeamOfADroppedFlatTriangleWithoutAWord) {

@@ -29,7 +29,7 @@ struct DistanceSoup {
   MeshDistance distance() const { return MeshDistance(std::span<const Vec3f>(points), triangles); }
 };
 
-Vec3d random_in_cube(std::mt19937& random, double half) {
+Vec3d distance_random_point(std::mt19937& random, double half) {
   std::uniform_real_distribution<double> value(-half, half);
   const double x = value(random), y = value(random), z = value(random);
   return {x, y, z};
@@ -49,7 +49,7 @@ TEST(MeshDistance, IsExactAroundABoxWithItsEdgesAndCorners) {
   EXPECT_FALSE(mesh.overlapping());
   std::mt19937 random(1);
   for (int i = 0; i < 5000; ++i) {
-    const Vec3d p = random_in_cube(random, i % 2 ? 2.5 : 1.0);
+    const Vec3d p = distance_random_point(random, i % 2 ? 2.5 : 1.0);
     const SignedDistance d = mesh.signed_distance(p);
     ASSERT_NEAR(d.distance, exact_box_distance(p, 1), 1e-12);
     ASSERT_NEAR(length(d.normal), 1, 1e-12);
@@ -77,7 +77,7 @@ TEST(MeshDistance, AgreesWithBruteForceAtAnyScaleAndOffset) {
     const MeshDistance mesh(std::span<const Vec3d>(points), t);
     std::mt19937 random(2);
     for (int i = 0; i < 300; ++i) {
-      const Vec3d p = random_in_cube(random, 1.6) * scale + Vec3d{3 * scale, 0, 0};
+      const Vec3d p = distance_random_point(random, 1.6) * scale + Vec3d{3 * scale, 0, 0};
       double best = 1e300;
       const double winding = knead::winding_number_exact(points, t, p);
       for (size_t k = 0; k < t.size(); k += 3)
