@@ -36,8 +36,8 @@ namespace {
   throw Error(ErrorCode::kMemory, "out of memory: " + size + " were asked for", "lower the resolution, or run fewer frames at once");
 }
 
-// Blocks are rounded up to an eighth of a power of two, so at most 12.5 % is lost, and freed blocks wait in one list per rounded size. What waits is bounded.
-// AddressSanitizer sees what waits, and what was rounded up, as not allocated.
+// Blocks are rounded up to an eighth of a power of two, so at most 12.5 % is lost, and freed blocks wait in one list per rounded size. What waits is
+// bounded. AddressSanitizer sees what waits, and what was rounded up, as not allocated.
 class HostPool : public MemoryResource {
  public:
   void* allocate(size_t bytes) override {
@@ -66,7 +66,7 @@ class HostPool : public MemoryResource {
         Free*& list = list_of(rounded);
         list = new (storage) Free{list};
         kept_ += rounded;
-        ASAN_POISON_MEMORY_REGION(storage, rounded);
+        ASAN_POISON_MEMORY_REGION(list + 1, rounded - sizeof(Free));  // the list stays readable, for the leak checker follows it
         return;
       }
     }
@@ -131,8 +131,12 @@ static HostPool& host_pool() {
   static HostPool* const pool = new HostPool;  // never destroyed: buffers in static storage of the host application may outlive every other object
   return *pool;
 }
-MemoryResource& host_memory() { return host_pool(); }
-HostMemoryFigures host_memory_figures() { return host_pool().figures(); }
+MemoryResource& host_memory() {
+  return host_pool();
+}
+HostMemoryFigures host_memory_figures() {
+  return host_pool().figures();
+}
 
 namespace detail {
 
@@ -176,7 +180,9 @@ void release(BufferBlock* block) noexcept {
 void throw_wrong_device(Device is, Device asked) {
   throw Error(ErrorCode::kDevice, "a buffer on " + is.text() + " was asked for on " + asked.text(), "only the scheduler moves data between devices");
 }
-void throw_shared_write() { throw Error(ErrorCode::kInternal, "a published buffer cannot be written to"); }
+void throw_shared_write() {
+  throw Error(ErrorCode::kInternal, "a published buffer cannot be written to");
+}
 
 void throw_type_mismatch(const PortType* is, const PortType& asked) {
   throw Error(ErrorCode::kInternal, std::string("a value of type ") + (is ? is->name : "nothing") + " was read as " + asked.name);
@@ -184,8 +190,12 @@ void throw_type_mismatch(const PortType* is, const PortType& asked) {
 void copy_block(Executor& executor, const void* from, Device from_device, void* to, Device to_device, size_t bytes) {
   executor.copy(from, from_device, to, to_device, bytes);
 }
-MemoryResource& memory_of(Executor& executor) { return executor.memory(); }
-Device device_of(Executor& executor) { return executor.device(); }
+MemoryResource& memory_of(Executor& executor) {
+  return executor.memory();
+}
+Device device_of(Executor& executor) {
+  return executor.device();
+}
 
 }  // namespace detail
 }  // namespace knead
