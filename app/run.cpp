@@ -150,9 +150,8 @@ int run(const RunArguments& arguments) {
   });
   figures.finish();
   progress.end_line();
-  const bool stopped = interrupted();
   if (!arguments.quiet) print_summary(arguments, evaluator, counts, progress.seconds(), stats.path());
-  if (stopped && counts.good + counts.failed < to_do.size()) {
+  if (interrupted() && counts.good + counts.failed + counts.skipped < frames.size()) {
     spdlog::error("interrupted: {} of {} frames are complete; the same command with --resume goes on from here", counts.good + counts.skipped, frames.size());
     return kInterrupted;
   }
