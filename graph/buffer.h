@@ -1,5 +1,5 @@
-// Typed storage shared by handle, tagged with the device it lives on. Immutable once published: write through `data_for_write` while the handle is the
-// only one, then hand copies out. Nothing here moves data between devices; the scheduler does (see evaluator.h).
+// Typed storage shared by handle, tagged with the device it lives on. Immutable once published: write through `data_for_write` while the handle is
+// the only one, then hand copies out. Nothing here moves data between devices; the scheduler does (see evaluator.h).
 #pragma once
 #include <atomic>
 #include <cstddef>
@@ -47,8 +47,8 @@ struct BufferBlock {
   void* data = nullptr;
   size_t bytes = 0;
   Device device;
-  MemoryResource* resource = nullptr;        // null when the storage is wrapped
-  std::function<void()> release_wrapped;     // tells the owner of wrapped storage that the last handle is gone
+  MemoryResource* resource = nullptr;     // null when the storage is wrapped
+  std::function<void()> release_wrapped;  // tells the owner of wrapped storage that the last handle is gone
 };
 BufferBlock* new_buffer_block(size_t count, size_t element_bytes, size_t padding_bytes, MemoryResource& resource);
 BufferBlock* wrap_buffer_block(void* data, size_t bytes, Device device, std::function<void()> release);
@@ -74,8 +74,8 @@ class Buffer {
   }
   explicit Buffer(const std::vector<T>& values) : Buffer(std::span<const T>(values)) {}
 
-  // Borrows storage that somebody else owns, without a copy. `release` runs when the last handle is gone. The owner must not write while handles live.
-  // Wrapped storage has no padding; kernels that over-read must copy it first (Executor::copy does).
+  // Borrows storage that somebody else owns, without a copy. `release` runs when the last handle is gone. The owner must not write while handles
+  // live. Wrapped storage has no padding; kernels that over-read must copy it first (Executor::copy does).
   static Buffer wrap(const T* data, size_t size, Device device, std::function<void()> release) {
     Buffer buffer;
     buffer.block_ = detail::wrap_buffer_block(const_cast<T*>(data), size * sizeof(T), device, std::move(release));

@@ -1,4 +1,5 @@
-// Results by content key, least recently used first out. Thread-safe. May be shared by evaluators, so that an edited graph finds what the edit did not reach.
+// Results by content key, least recently used first out. Thread-safe. May be shared by evaluators, so that an edited graph finds what the edit did
+// not reach.
 #pragma once
 #include <condition_variable>
 #include <cstdint>

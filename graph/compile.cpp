@@ -6,8 +6,8 @@
 namespace knead {
 namespace {
 
-constexpr size_t kDeepestChain = 500;       // nodes that wait for each other while they are compiled; each takes some kilobytes of stack
-constexpr int kFromCommandLine = -1;        // Literal::line of --set values
+constexpr size_t kDeepestChain = 500;  // nodes that wait for each other while they are compiled; each takes some kilobytes of stack
+constexpr int kFromCommandLine = -1;   // Literal::line of --set values
 
 bool is_name(const std::string& text) {
   const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
@@ -113,7 +113,8 @@ CompiledNode& Compiler::compile_node(Scope& scope, size_t i) {
   }
   if (stack_.size() >= kDeepestChain) {
     if (stack_.size() == kDeepestChain)
-      fail(where_of(scope, spec), "more than " + std::to_string(kDeepestChain) + " nodes wait for each other here", "write nodes after those they use");
+      fail(where_of(scope, spec), "more than " + std::to_string(kDeepestChain) + " nodes wait for each other here",
+           "write nodes after those they use");
     compiled.failed = true;
     return compiled;
   }
@@ -244,7 +245,8 @@ void Compiler::assign(Scope& scope, const std::vector<Argument>& arguments, Plan
     Reference reference = connect(scope, *argument.value, {input->name, input->type ? input->type->name : nullptr, input->many}, plan_node.name);
     compiled.failed |= reference.failed;
     if (reference.sources.empty() && !reference.failed && !input->optional)
-      fail(where_of(scope, *argument.value, plan_node.name, input->name), "this input must be connected", std::string("it takes a ") + input->type->name);
+      fail(where_of(scope, *argument.value, plan_node.name, input->name), "this input must be connected",
+           std::string("it takes a ") + input->type->name);
     plan_node.inputs[port] = std::move(reference.sources);
   }
   for (size_t port = 0; port < inputs.size(); ++port)
@@ -272,7 +274,8 @@ bool Compiler::set_param(Scope& scope, Node& node, const std::string& full, cons
   for (const InputDeclaration& input : node.inputs()) known.push_back(input.name);
   for (const ParamBase* param : node.params()) known.push_back(param->name());
   if (dynamic_cast<Iterate*>(&node)) known.insert(known.end(), {"state", "body", "next"});
-  fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter", did_you_mean(argument.name, known, "it takes "));
+  fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter",
+       did_you_mean(argument.name, known, "it takes "));
   return false;
 }
 
@@ -280,7 +283,8 @@ void Compiler::report_unused_overrides(const Plan& plan) {
   std::vector<std::string> known;
   for (size_t i = 0; i < options_.overrides.size(); ++i) {
     const std::string& path = options_.overrides[i].first;
-    const bool unknown_inside = std::any_of(opaque_.begin(), opaque_.end(), [&](const std::string& prefix) { return path.compare(0, prefix.size(), prefix) == 0; });
+    const bool unknown_inside =
+        std::any_of(opaque_.begin(), opaque_.end(), [&](const std::string& prefix) { return path.compare(0, prefix.size(), prefix) == 0; });
     if (used_overrides_.count(i) || unknown_inside) continue;
     if (known.empty()) {
       known = group_parameters_;
@@ -314,6 +318,8 @@ std::string Compiler::did_you_mean(const std::string& wrong, const std::vector<s
   return all;
 }
 
-std::shared_ptr<const Plan> compile(const GraphSpec& spec, const CompileOptions& options) { return Compiler(options).run(spec); }
+std::shared_ptr<const Plan> compile(const GraphSpec& spec, const CompileOptions& options) {
+  return Compiler(options).run(spec);
+}
 
 }  // namespace knead

@@ -13,7 +13,9 @@ const Argument* find_argument(const std::vector<Argument>& arguments, const char
   return found == arguments.end() ? nullptr : &*found;
 }
 
-std::string name_of(const Literal& key) { return key.as_string() ? *key.as_string() : key.text(); }
+std::string name_of(const Literal& key) {
+  return key.as_string() ? *key.as_string() : key.text();
+}
 
 }  // namespace
 
@@ -72,15 +74,16 @@ bool Compiler::compile_loop(Scope& scope, const std::vector<Argument>& arguments
 }
 
 // Every state becomes an external of the body and an input of the loop, which starts it.
-bool Compiler::start_states(Scope& scope, Scope& inner, const Literal::Map& state, Iterate& loop, PlanNode& plan_node, std::vector<Iterate::State>& states) {
+bool Compiler::start_states(Scope& scope, Scope& inner, const Literal::Map& state, Iterate& loop, PlanNode& plan_node,
+                            std::vector<Iterate::State>& states) {
   bool good = true;
   inner.states.emplace();
   for (const auto& [key, value] : state) {
     Iterate::State one;
     one.name = name_of(key);
     if (one.name == "report" || inner.states->count(one.name)) {
-      fail(where_of(scope, key, plan_node.name, one.name), one.name == "report" ? "a state cannot be named report: the loop has an output of that name"
-                                                                               : "state '" + one.name + "' is there twice");
+      fail(where_of(scope, key, plan_node.name, one.name),
+           one.name == "report" ? "a state cannot be named report: the loop has an output of that name" : "state '" + one.name + "' is there twice");
       good = false;
       continue;
     }
@@ -112,7 +115,8 @@ bool Compiler::find_next(Scope& scope, Scope& inner, const Literal& next, std::v
     const auto s = static_cast<size_t>(state - states.begin());
     given[s] = true;
     const Reference reference = connect(inner, value, {name, state->type ? state->type->name : nullptr, false}, plan_node.name);
-    if (reference.sources.empty() && !reference.failed) fail(where_of(scope, value, plan_node.name, "next"), "state '" + name + "' needs a value for the next round");
+    if (reference.sources.empty() && !reference.failed)
+      fail(where_of(scope, value, plan_node.name, "next"), "state '" + name + "' needs a value for the next round");
     if (reference.sources.empty() || reference.failed) {
       good = false;
       continue;
@@ -128,7 +132,8 @@ bool Compiler::find_next(Scope& scope, Scope& inner, const Literal& next, std::v
         if (!reads || !state->type || !input.type || same_type(*state->type, *input.type)) continue;
         Where where = node.where;
         where.member = input.name;
-        fail(where, std::string("expected a ") + input.type->name + ", but 'state." + name + "' is a " + state->type->name + " from the second round on");
+        fail(where,
+             std::string("expected a ") + input.type->name + ", but 'state." + name + "' is a " + state->type->name + " from the second round on");
         good = false;
       }
   }
@@ -142,7 +147,8 @@ bool Compiler::find_next(Scope& scope, Scope& inner, const Literal& next, std::v
 }
 
 // The nodes of a group become nodes of the plan in which the group stands.
-void Compiler::expand_group(Scope& scope, const NodeSpec& spec, const NodeType& type, const std::vector<Argument>& arguments, CompiledNode& compiled) {
+void Compiler::expand_group(Scope& scope, const NodeSpec& spec, const NodeType& type, const std::vector<Argument>& arguments,
+                            CompiledNode& compiled) {
   compiled.is_group = true;
   const Where where = where_of(scope, spec);
   const std::optional<GraphSpec> group = load_group(scope, type, arguments, where);
@@ -202,7 +208,8 @@ void Compiler::bind_group(Scope& scope, const GraphSpec& group, const std::vecto
     if (argument.name == own_parameter) continue;
     const auto input = std::find_if(group.inputs.begin(), group.inputs.end(), [&](const GroupInputSpec& one) { return one.name == argument.name; });
     if (input != group.inputs.end()) {
-      Reference reference = !argument.value ? Reference{{}, true} : connect(scope, *argument.value, {input->name, input->type.c_str(), input->many}, full);
+      Reference reference =
+          !argument.value ? Reference{{}, true} : connect(scope, *argument.value, {input->name, input->type.c_str(), input->many}, full);
       if (reference.sources.empty() && !reference.failed && !input->optional) {
         fail(where_of(scope, *argument.value, full, input->name), "this input must be connected", "it takes a " + input->type);
         reference.failed = true;
@@ -211,7 +218,8 @@ void Compiler::bind_group(Scope& scope, const GraphSpec& group, const std::vecto
     } else if (const auto parameter = inner.parameters.find(argument.name); parameter != inner.parameters.end()) {
       if (argument.value) parameter->second = *argument.value;
     } else {
-      fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter", did_you_mean(argument.name, known, "it takes "));
+      fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter",
+           did_you_mean(argument.name, known, "it takes "));
     }
   }
   for (const GroupInputSpec& input : group.inputs) {

@@ -55,7 +55,8 @@ Reference Compiler::resolve(Scope& scope, const Literal& value, const std::strin
   if (value.is_null()) return {};
   const std::string* text = value.as_string();
   if (!text) {
-    fail(where_of(scope, value, node, member), std::string("expected the name of a node or of its output, found ") + value.kind(), "such as 'body' or 'tets.lattice'");
+    fail(where_of(scope, value, node, member), std::string("expected the name of a node or of its output, found ") + value.kind(),
+         "such as 'body' or 'tets.lattice'");
     return {{}, true};
   }
   if (*text == "none") return {};
@@ -63,74 +64,61 @@ Reference Compiler::resolve(Scope& scope, const Literal& value, const std::strin
   const std::string name = text->substr(0, dot), output = dot == std::string::npos ? "" : text->substr(dot + 1);
   for (Scope* at = &scope; at; at = at->parent) {
     Found found = find(*at, name, output);
-    if (found.result == Found::kHere) return {captured(scope, *at, std::move(found.sources)), false};
-    if (found.result == Found::kBroken) return {{}, true};
-    if (found.result == Found::kNoSuchOutput) {
+    if (found.result == Lookup::kNowhere) continue;
+    if (found.result == Lookup::kHere) return {captured(scope, *at, std::move(found.sources)), false};
+    if (found.result == Lookup::kNoSuchOutput) {
       const std::string message = found.outputs.empty() ? "'" + name + "' has no outputs"
                                   : output.empty()      ? "which of '" + name + "'?"
                                                         : "'" + name + "' has no output '" + output + "'";
       fail(where_of(scope, value, node, member), message, did_you_mean(output, found.outputs, "it has "));
-      return {{}, true};
     }
+    return {{}, true};
   }
-  return not_found(scope, value, name, output, node, member);
-}
-
-Reference Compiler::not_found(Scope& scope, const Literal& value, const std::string& name, const std::string& output, const std::string& node,
-                              const std::string& member) {
-  std::vector<std::string> known;
+  const Where where = where_of(scope, value, node, member);
+  std::vector<std::string> states, nodes;
   for (const Scope* at = &scope; at; at = at->parent) {
-    if (name == "state" && at->states)
-      for (const auto& [state, source] : *at->states) known.push_back(state);
-    else
-      for (const NodeSpec& spec : *at->specs) known.push_back(spec.name);
+    if (at->states)
+      for (const auto& [state, source] : *at->states) states.push_back(state);
+    for (const NodeSpec& spec : *at->specs) nodes.push_back(spec.name);
   }
-  if (name == "state")
-    fail(where_of(scope, value, node, member), "there is no state '" + output + "'", scope.states ? did_you_mean(output, known, "there is ") : "only the body of a loop has states");
+  if (name != "state")
+    fail(where, "there is no node '" + name + "'", did_you_mean(name, nodes));
+  else if (states.empty())
+    fail(where, "there is no state here", "only the body of a loop has states");
   else
-    fail(where_of(scope, value, node, member), "there is no node '" + name + "'", did_you_mean(name, known));
+    fail(where, output.empty() ? "which state?" : "there is no state '" + output + "'", did_you_mean(output, states, "there is "));
   return {{}, true};
 }
 
 Compiler::Found Compiler::find(Scope& scope, const std::string& name, const std::string& output) {
-  Found found;
-  const auto with = [&](int result) {
-    found.result = static_cast<decltype(found.result)>(result);
-    return found;
-  };
   if (name == "state") {
-    if (!scope.states || !scope.states->count(output)) return found;
-    found.sources = {scope.states->at(output)};
-    return with(Found::kHere);
+    if (!scope.states || !scope.states->count(output)) return {};
+    return {Lookup::kHere, {scope.states->at(output)}, {}};
   }
+  std::vector<std::string> outputs;
   if (name == "inputs" && scope.inputs) {
-    if (const auto input = scope.inputs->find(output); input != scope.inputs->end()) {
-      found.sources = input->second.sources;
-      return with(input->second.failed ? Found::kBroken : Found::kHere);
-    }
-    for (const auto& [input, reference] : *scope.inputs) found.outputs.push_back(input);
-    return with(Found::kNoSuchOutput);
+    if (const auto input = scope.inputs->find(output); input != scope.inputs->end())
+      return {input->second.failed ? Lookup::kBroken : Lookup::kHere, input->second.sources, {}};
+    for (const auto& [input, reference] : *scope.inputs) outputs.push_back(input);
+    return {Lookup::kNoSuchOutput, {}, std::move(outputs)};
   }
   const auto at = scope.by_name.find(name);
-  if (at == scope.by_name.end()) return found;
+  if (at == scope.by_name.end()) return {};
   const CompiledNode& compiled = compile_node(scope, at->second);
   if (compiled.is_group) {
     for (const auto& [group_output, sources] : compiled.group_outputs) {
-      found.outputs.push_back(group_output);
-      if (!output.empty() && output != group_output) continue;
-      found.sources = sources;
-      return with(compiled.failed ? Found::kBroken : Found::kHere);
+      if (output.empty() || output == group_output) return {compiled.failed ? Lookup::kBroken : Lookup::kHere, sources, {}};
+      outputs.push_back(group_output);
     }
   } else if (compiled.node >= 0) {
-    const auto& outputs = scope.plan->nodes[static_cast<size_t>(compiled.node)].node->outputs();
-    for (size_t i = 0; i < outputs.size(); ++i) {
-      found.outputs.push_back(outputs[i].name);
-      if (!output.empty() && output != outputs[i].name) continue;
-      found.sources = {{compiled.node, static_cast<int>(i)}};
-      return with(Found::kHere);
+    const auto& declared = scope.plan->nodes[static_cast<size_t>(compiled.node)].node->outputs();
+    for (size_t i = 0; i < declared.size(); ++i) {
+      if (output.empty() || output == declared[i].name) return {Lookup::kHere, {{compiled.node, static_cast<int>(i)}}, {}};
+      outputs.push_back(declared[i].name);
     }
   }
-  return with(!compiled.failed || !found.outputs.empty() ? Found::kNoSuchOutput : Found::kBroken);
+  if (compiled.failed && outputs.empty()) return {Lookup::kBroken, {}, {}};  // nobody knows what it would have had
+  return {Lookup::kNoSuchOutput, {}, std::move(outputs)};
 }
 
 // Sources of an outer scope as seen from an inner one: an external of every loop in between.

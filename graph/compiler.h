@@ -1,5 +1,5 @@
-// Internal: the compiler, from a GraphSpec to a Plan. compile.cpp makes the nodes, compile_references.cpp finds what a name means, compile_nested.cpp goes
-// into loops and groups. An error marks what it makes unusable as failed, so that it does not cause others.
+// Internal: the compiler, from a GraphSpec to a Plan. compile.cpp makes the nodes, compile_references.cpp finds what a name means, compile_nested.cpp
+// goes into loops and groups. An error marks what it makes unusable as failed, so that it does not cause others.
 #pragma once
 #include <deque>
 #include <map>
@@ -41,16 +41,16 @@ struct Argument {
 struct Scope {
   const std::vector<NodeSpec>* specs = nullptr;
   std::string file;
-  std::string prefix;         // "press."
-  Plan* plan = nullptr;       // where its nodes go; a group shares that of its user
-  Scope* parent = nullptr;    // names not found here are looked up there and captured; null across a group's border
+  std::string prefix;       // "press."
+  Plan* plan = nullptr;     // where its nodes go; a group shares that of its user
+  Scope* parent = nullptr;  // names not found here are looked up there and captured; null across a group's border
   std::unordered_map<std::string_view, size_t> by_name;
   std::vector<CompiledNode> compiled;                      // as specs
   std::optional<std::map<std::string, Source>> states;     // of the loop
   std::optional<std::map<std::string, Reference>> inputs;  // of the group
   std::map<std::string, Literal> parameters;
-  std::map<std::pair<int, int>, int> captured;             // parent's source -> external of plan
-  std::vector<std::string> groups;                         // files of the groups it stands in, outermost first
+  std::map<std::pair<int, int>, int> captured;  // parent's source -> external of plan
+  std::vector<std::string> groups;              // files of the groups it stands in, outermost first
 };
 
 class Compiler {
@@ -74,19 +74,19 @@ class Compiler {
 
   // compile_references.cpp
   struct Wanted {
-    const std::string& name;           // of the input, for messages
-    const char* type = nullptr;        // null: any
+    const std::string& name;     // of the input, for messages
+    const char* type = nullptr;  // null: any
     bool many = false;
   };
+  enum class Lookup { kNowhere, kHere, kBroken, kNoSuchOutput };
   struct Found {
-    enum { kNowhere, kHere, kBroken, kNoSuchOutput } result = kNowhere;
+    Lookup result = Lookup::kNowhere;
     std::vector<Source> sources;
     std::vector<std::string> outputs;  // those that are there, for kNoSuchOutput
   };
   Reference connect(Scope& scope, const Literal& value, const Wanted& wanted, const std::string& node);
   Reference resolve(Scope& scope, const Literal& value, const std::string& node, const std::string& member);
   Found find(Scope& scope, const std::string& name, const std::string& output);
-  Reference not_found(Scope& scope, const Literal& value, const std::string& name, const std::string& output, const std::string& node, const std::string& member);
   std::vector<Source> captured(Scope& scope, const Scope& owner, std::vector<Source> sources);
 
   // compile_nested.cpp
@@ -95,9 +95,12 @@ class Compiler {
   bool find_next(Scope& scope, Scope& inner, const Literal& next, std::vector<Iterate::State>& states, const PlanNode& plan_node);
   void expand_group(Scope& scope, const NodeSpec& spec, const NodeType& type, const std::vector<Argument>& arguments, CompiledNode& compiled);
   std::optional<GraphSpec> load_group(Scope& scope, const NodeType& type, const std::vector<Argument>& arguments, const Where& where);
-  void bind_group(Scope& scope, const GraphSpec& group, const std::vector<Argument>& arguments, const Where& where, Scope& inner, const std::string& own_parameter);
+  void bind_group(Scope& scope, const GraphSpec& group, const std::vector<Argument>& arguments, const Where& where, Scope& inner,
+                  const std::string& own_parameter);
 
-  void fail(Where where, const std::string& message, const std::string& hint = {}) { errors_.emplace_back(ErrorCode::kGraph, std::move(where), message, hint); }
+  void fail(Where where, const std::string& message, const std::string& hint = {}) {
+    errors_.emplace_back(ErrorCode::kGraph, std::move(where), message, hint);
+  }
   static Where where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member = {});
   static Where where_of(const Scope& scope, const NodeSpec& spec) { return {scope.file, spec.line, spec.column, scope.prefix + spec.name, {}}; }
   void take_errors(const Where& where);  // of the exception being handled
@@ -106,11 +109,11 @@ class Compiler {
 
   const CompileOptions& options_;
   const Registry& registry_;
-  std::deque<Literal> substituted_;   // arguments that are not as they stand in the file
-  std::vector<std::string> stack_;    // names of the nodes under way
+  std::deque<Literal> substituted_;  // arguments that are not as they stand in the file
+  std::vector<std::string> stack_;   // names of the nodes under way
   std::vector<Error> errors_;
   std::set<size_t> used_overrides_;
-  std::vector<std::string> opaque_;   // prefixes of what could not be looked into: --set for something in there is not blamed
+  std::vector<std::string> opaque_;            // prefixes of what could not be looked into: --set for something in there is not blamed
   std::vector<std::string> group_parameters_;  // "deform.stiffness"
   int groups_expanded_ = 0;
 };

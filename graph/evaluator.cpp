@@ -12,7 +12,9 @@ namespace knead {
 
 namespace {
 
-double seconds_since(std::chrono::steady_clock::time_point start) { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
 
 // What the nodes of one frame share while they run, perhaps at once.
 struct FrameState {
@@ -27,10 +29,10 @@ struct FrameState {
 
   int frame;
   Round round;
-  std::vector<Key> keys;                      // per plan node, as the rest
-  std::vector<std::vector<NodeTime>> times;   // the node itself, then its parts
+  std::vector<Key> keys;                     // per plan node, as the rest
+  std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
   std::vector<std::optional<Error>> errors;
-  std::vector<char> failed;                   // it, or something that it needs
+  std::vector<char> failed;  // it, or something that it needs
   std::mutex mutex;
   std::vector<std::string> warnings;
 };
@@ -70,7 +72,9 @@ class FrameContext final : public RoundContext {
   Executor& executor() const override { return executor_; }
   bool checked() const override { return evaluator_.options.checked; }
   bool cancelled() const override { return evaluator_.cancelled(); }
-  const Value& input(int port, size_t i) const override { return moved_.empty() ? RoundContext::input(port, i) : moved_[static_cast<size_t>(port)].at(i); }
+  const Value& input(int port, size_t i) const override {
+    return moved_.empty() ? RoundContext::input(port, i) : moved_[static_cast<size_t>(port)].at(i);
+  }
   void warn(const std::string& message) override;
   Value once(const Key& key, FunctionRef<Value()> make) override;
   void add_time(const std::string& part, double seconds) override;
@@ -189,8 +193,8 @@ void Evaluator::Impl::find_keys(int frame, const std::vector<char>& reached, std
   }
 }
 
-// The value, with its buffers where `to` can read them. The only place where data moves. `key` is the value's own: the cache keeps the copy under it, so that
-// all readers in all frames share one.
+// The value, with its buffers where `to` can read them. The only place where data moves. `key` is the value's own: the cache keeps the copy under it,
+// so that all readers in all frames share one.
 Value Evaluator::Impl::brought(const Value& value, const Key& key, Executor& to) {
   const Device there = to.device();
   if (value.type()->on_device(value, there)) return value;
@@ -227,7 +231,8 @@ void Evaluator::Impl::fill(FrameState& state, const std::vector<Source>& targets
   run_nodes(state, lacking);
 }
 
-// Independent nodes at once. A node that fails stops only what needs it; then the first error in plan order is thrown, the same for any number of threads.
+// Independent nodes at once. A node that fails stops only what needs it; then the first error in plan order is thrown, the same for any number of
+// threads.
 void Evaluator::Impl::run_nodes(FrameState& state, const std::vector<int>& nodes) {
   if (nodes.empty()) return;
   std::vector<int> task_of(plan->nodes.size(), -1);
@@ -289,8 +294,12 @@ Evaluator::Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options)
 }
 Evaluator::~Evaluator() = default;
 
-const Plan& Evaluator::plan() const { return *impl_->plan; }
-Executor& Evaluator::executor() const { return *impl_->device; }
+const Plan& Evaluator::plan() const {
+  return *impl_->plan;
+}
+Executor& Evaluator::executor() const {
+  return *impl_->device;
+}
 
 FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outputs, bool effects) {
   const std::vector<Source> targets = impl_->targets_of(outputs, effects);
@@ -321,14 +330,26 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
                                 const std::function<void(FrameResult)>& done) {
   if (frames.empty()) return;
   prepare(frames.front(), outputs, effects);
-  const size_t lanes = std::min(frames.size(), static_cast<size_t>(impl_->host->threads()));
+  const std::vector<int> starved = run_frames(frames, impl_->host->threads(), outputs, effects, done);
+  run_frames(starved, 1, outputs, effects, done);
+}
+
+// Returns the frames that found too little memory beside others: each may have enough of it alone.
+std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_once, const std::vector<std::string>& outputs, bool effects,
+                                       const std::function<void(FrameResult)>& done) {
+  const size_t lanes = std::min(frames.size(), static_cast<size_t>(at_once));
+  std::vector<int> starved;
   std::atomic<size_t> next{0};
   std::mutex mutex;
   impl_->host->run_graph(std::vector<std::vector<int>>(lanes), std::vector<int>(lanes), [&](int) {
     for (size_t i; !impl_->cancelled() && (i = next++) < frames.size();) {
       FrameResult result = evaluate(frames[i], outputs, effects);
       if (result.error && result.error->code() == ErrorCode::kCancelled && impl_->cancelled()) return;
-      std::lock_guard lock(mutex);
+      const std::lock_guard lock(mutex);
+      if (result.error && result.error->code() == ErrorCode::kMemory && lanes > 1) {
+        starved.push_back(frames[i]);
+        continue;
+      }
       try {
         done(std::move(result));
       } catch (...) {
@@ -337,6 +358,7 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
       }
     }
   });
+  return starved;
 }
 
 // Computes what the frames share: else each of those that run side by side would find it lacking and compute it.

@@ -1,8 +1,8 @@
 // Evaluates a plan: any frame, in any order, on any number of threads, with the same bits. Thread-safe.
 //
-// Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the cache
-// lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one that runs on the
-// host gets them back; both are counted, and a copy is made once for all its readers. A node that fails stops only what needs it.
+// Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the
+// cache lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one
+// that runs on the host gets them back; both are counted, and a copy is made once for all its readers. A node that fails stops only what needs it.
 #pragma once
 #include <functional>
 #include <map>
@@ -24,7 +24,7 @@ struct NodeTime {
 
 struct FrameResult {
   int frame = 0;
-  std::optional<Error> error;  // the frame failed; what was asked for is not there
+  std::optional<Error> error;           // the frame failed; what was asked for is not there
   std::map<std::string, Value> values;  // by the reference that was asked for, on the host
   std::vector<NodeTime> times;          // in plan order; a loop's inner nodes follow it, summed over its rounds
   std::vector<std::string> warnings;    // "node 'tets': open surface ..."
@@ -39,6 +39,7 @@ struct EvaluatorFigures {
 };
 
 struct EvaluatorOptions {
+  // Executors, and the cache's values that live in their memory: the executors must outlive both the evaluator and the cache.
   Executor* executor = nullptr;       // where kAnyDevice nodes run; null: a cpu executor of its own
   Executor* host_executor = nullptr;  // where kHost nodes run; null: `executor` if that is a host executor, else a cpu executor of its own
   std::shared_ptr<Cache> cache;       // null: one of its own
@@ -55,13 +56,15 @@ class Evaluator {
   const Plan& plan() const;
   Executor& executor() const;
 
-  // One frame, for the outputs named ("press.surface") and with every node that has an effect when `effects`. Throws nothing but programming errors of the
-  // caller (an unknown reference); what goes wrong in the frame comes back in `error`.
+  // One frame, for the outputs named ("press.surface") and with every node that has an effect when `effects`. Throws nothing but programming errors
+  // of the caller (an unknown reference); what goes wrong in the frame comes back in `error`.
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
-  // Many frames, as many at once as there are threads. What does not depend on the frame is computed first, once. `done` is called once per frame, one call
-  // at a time, in the order in which frames end. A failed frame does not stop the others; cancellation does: frames not finished are not reported.
-  void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects, const std::function<void(FrameResult)>& done);
+  // Many frames, as many at once as there are threads; those that find too little memory so are tried again alone. What does not depend on the frame
+  // is computed first, once. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the
+  // others; cancellation does: frames not finished are not reported.
+  void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
+                       const std::function<void(FrameResult)>& done);
 
   // Identifies the inputs of everything that an effect node of this frame depends on, parameters included: equal keys mean equal files. For --resume.
   Key frame_key(int frame, const std::vector<std::string>& outputs, bool effects) const;
@@ -77,6 +80,8 @@ class Evaluator {
 
  private:
   void prepare(int frame, const std::vector<std::string>& outputs, bool effects);
+  std::vector<int> run_frames(const std::vector<int>& frames, int at_once, const std::vector<std::string>& outputs, bool effects,
+                              const std::function<void(FrameResult)>& done);
   std::unique_ptr<Impl> impl_;
 };
 

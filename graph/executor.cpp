@@ -20,7 +20,8 @@ class HostExecutor : public Executor {
   Device device() const override { return {}; }
   MemoryResource& memory() override { return host_memory(); }
   void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) override {
-    if (from_device != Device{} || to_device != Device{}) throw Error(ErrorCode::kDevice, std::string("the ") + name() + " executor sees host memory only");
+    if (from_device != Device{} || to_device != Device{})
+      throw Error(ErrorCode::kDevice, std::string("the ") + name() + " executor sees host memory only");
     if (bytes > 0) std::memcpy(to, from, bytes);
   }
 
@@ -52,8 +53,8 @@ class SerialExecutor : public HostExecutor {
   }
 };
 
-// Inner loops are isolated: a thread that waits for its own loop must not pick up another frame or node meanwhile, which could wait for the very result that
-// this thread is making, and would hold twice the memory.
+// Inner loops are isolated: a thread that waits for its own loop must not pick up another frame or node meanwhile, which could wait for the very
+// result that this thread is making, and would hold twice the memory.
 class CpuExecutor : public HostExecutor {
  public:
   explicit CpuExecutor(int threads) : arena_(threads_of(threads)) { arena_.initialize(); }
@@ -101,7 +102,11 @@ class CpuExecutor : public HostExecutor {
 
 }  // namespace
 
-std::unique_ptr<Executor> make_serial_executor() { return std::make_unique<SerialExecutor>(); }
-std::unique_ptr<Executor> make_cpu_executor(int threads) { return std::make_unique<CpuExecutor>(threads); }
+std::unique_ptr<Executor> make_serial_executor() {
+  return std::make_unique<SerialExecutor>();
+}
+std::unique_ptr<Executor> make_cpu_executor(int threads) {
+  return std::make_unique<CpuExecutor>(threads);
+}
 
 }  // namespace knead

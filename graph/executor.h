@@ -32,11 +32,12 @@ class Executor {
   virtual int threads() const { return 1; }
   virtual MemoryResource& memory() = 0;
 
-  // Calls range(begin, end) over [0, n) in pieces of `grain`, in any order, perhaps at once. The pieces depend on n and grain alone, never on the number of
-  // threads, so that a reduction over them is the same bits everywhere. Exceptions come out on the calling thread. Host executors only.
+  // Calls range(begin, end) over [0, n) in pieces of `grain`, in any order, perhaps at once. The pieces depend on n and grain alone, never on the
+  // number of threads, so that a reduction over them is the same bits everywhere. Exceptions come out on the calling thread. Host executors only.
   virtual void parallel_ranges(size_t n, size_t grain, FunctionRef<void(size_t begin, size_t end)> range) = 0;
 
-  // Runs task(i) for every i once all of its predecessors have run: `successors[i]` and `waits_for[i]` describe the graph. Independent tasks run at once.
+  // Runs task(i) for every i once all of its predecessors have run: `successors[i]` and `waits_for[i]` describe the graph. Independent tasks run at
+  // once.
   virtual void run_graph(const std::vector<std::vector<int>>& successors, const std::vector<int>& waits_for, FunctionRef<void(int)> task) = 0;
 
   // Copies bytes between devices; both ends must be the host or this executor's device. Only the scheduler calls it.

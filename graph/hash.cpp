@@ -33,7 +33,9 @@ Hasher& Hasher::bytes(const void* data, size_t size) {
   return *this;
 }
 
-Key Hasher::key() const { return {mixed(a_ + size_), mixed(b_ ^ (a_ << 1) ^ size_)}; }
+Key Hasher::key() const {
+  return {mixed(a_ + size_), mixed(b_ ^ (a_ << 1) ^ size_)};
+}
 
 std::string Key::text() const {
   constexpr char digits[] = "0123456789abcdef";

@@ -26,10 +26,7 @@ class Hasher {
   Hasher& add(const char* text) { return add(std::string_view(text)); }
   Hasher& add(const Key& key) { return bytes(&key, sizeof key); }
   template <class T>
-    requires(std::is_arithmetic_v<T> || std::is_enum_v<T>)
-  Hasher& add(T value) {
-    return bytes(&value, sizeof value);
-  }
+  requires(std::is_arithmetic_v<T> || std::is_enum_v<T>) Hasher& add(T value) { return bytes(&value, sizeof value); }
   Key key() const;
 
  private:

@@ -12,16 +12,16 @@ namespace {
 
 constexpr const char* kManual = R"(Runs a body of nodes again and again until it is at rest.
 
-`state` names what goes round and where it starts; `none` starts a state empty, for nodes whose input is optional. `body` holds nodes as at the top of a
-graph file. They read the state as `state.NAME` and may use any node outside the loop. `next` says, for every state, what it is in the next round.
+`state` names what goes round and where it starts; `none` starts a state empty, for nodes whose input is optional. `body` holds nodes as at the top of
+a graph file. They read the state as `state.NAME` and may use any node outside the loop. `next` says, for every state, what it is in the next round.
 The outputs are the states after the last round, by name, and `report`.
 
-The loop ends when no state is further from rest than `threshold`, or after `max_iterations` rounds. Each type says how far from rest it is: a Surface by its
-largest displacement in the round over its diagonal, Contacts by their deepest penetration over the diagonal; the others do not count, and where no state
-counts, all rounds are made. The report says which: `iterations`, `ended` (`at rest` or `iteration limit`) and `unrest`, the last round's distance from
-rest. A state that is no longer a number is an error.
+The loop ends when no state is further from rest than `threshold`, or after `max_iterations` rounds. Each type says how far from rest it is: a Surface
+by its largest displacement in the round over its diagonal, Contacts by their deepest penetration over the diagonal; the others do not count, and
+where no state counts, all rounds are made. The report says which: `iterations`, `ended` (`at rest` or `iteration limit`) and `unrest`, the last
+round's distance from rest. A state that is no longer a number is an error.
 
-Body nodes that do not depend on the state run once. A round allocates nothing new: freed storage of the round before is used again.)";
+Body nodes that do not depend on the state run once. A round allocates nothing new: storage is used again as soon as its last reader has run.)";
 
 // A body node sees its round, and through it what the loop's own context says of frame, executor, cancellation and cache.
 class BodyContext final : public RoundContext {
@@ -66,8 +66,8 @@ void Iterate::set_body(Plan body, std::vector<State> states) {
   find_last_readers();
 }
 
-// Storage is free for the next node as soon as its last reader has run, so that a round works in as little memory, and as much cache, as it can. What is made
-// in the first round only stays, and so does what goes into the next round.
+// Storage is free for the next node as soon as its last reader has run, so that a round works in as little memory, and as much cache, as it can. What
+// is made in the first round only stays, and so does what goes into the next round.
 void Iterate::find_last_readers() {
   dies_after_.resize(body_.nodes.size());
   std::vector<std::vector<size_t>> last(body_.nodes.size());
@@ -147,7 +147,9 @@ void Iterate::evaluate(Context& context) const {
   }
   for (size_t i = 0; i < body_.nodes.size(); ++i) context.add_time(body_.nodes[i].name, seconds[i]);
   for (size_t s = 0; s < states_.size(); ++s) {
-    if (!round.externals[s]) throw Error(ErrorCode::kInput, "state '" + states_[s].name + "' has no value: it starts with none and no round was made", "raise max_iterations");
+    if (!round.externals[s])
+      throw Error(ErrorCode::kInput, "state '" + states_[s].name + "' has no value: it starts with none and no round was made",
+                  "raise max_iterations");
     context.set_output(static_cast<int>(s), std::move(round.externals[s]));
   }
   Report report;

@@ -10,7 +10,8 @@ class Iterate : public Node {
  public:
   Param<int> max_iterations{this, "max_iterations", 250, {.min = 0, .max = 1000000, .doc = "rounds after which the loop ends in any case"}};
   Param<int> min_iterations{this, "min_iterations", 1, {.min = 0, .max = 1000000, .doc = "rounds that are always made"}};
-  Param<double> threshold{this, "threshold", 1e-4, {.min = 0, .unit = "fraction of the state's size", .doc = "at rest when the state changes less than this in a round"}};
+  Param<double> threshold{
+      this, "threshold", 1e-4, {.min = 0, .unit = "fraction of the state's size", .doc = "at rest when the state changes less than this in a round"}};
 
   struct State {
     std::string name;

@@ -55,7 +55,8 @@ std::string Literal::text() const {
     }
     std::string operator()(const Map& v) const {
       std::string out = "{";
-      for (const auto& [key, item] : v) out += (out.size() > 1 ? ", " : "") + (key.as_string() ? key.text() : quoted(key.text())) + ": " + item.text();
+      for (const auto& [key, item] : v)
+        out += (out.size() > 1 ? ", " : "") + (key.as_string() ? key.text() : quoted(key.text())) + ": " + item.text();
       return out + "}";
     }
   };

@@ -6,7 +6,9 @@
 
 namespace knead {
 
-ParamBase::ParamBase(Node* owner, const char* name, ParamSpec spec) : name_(name), spec_(std::move(spec)) { owner->params_.push_back(this); }
+ParamBase::ParamBase(Node* owner, const char* name, ParamSpec spec) : name_(name), spec_(std::move(spec)) {
+  owner->params_.push_back(this);
+}
 
 std::string ParamBase::assign(const Literal& literal) {
   std::string wrong = parse(literal);

@@ -65,7 +65,7 @@ class ParamBase {
   std::string assign(const Literal& literal);  // "" or what is wrong with it; keeps the old value then
   virtual Literal show() const = 0;
   virtual void hash(Hasher& hasher) const = 0;
-  virtual Literal schema() const = 0;  // with default, range and doc
+  virtual Literal schema() const = 0;                  // with default, range and doc
   const Literal& written() const { return written_; }  // as assigned, with its place
 
  protected:
@@ -106,7 +106,8 @@ class Param : public ParamBase {
   T value_;
 };
 
-// Input ports. `In` must be connected; `OptionalIn` may be left out or be `none`; `ManyIn` takes one or several values (several colliders), or none at all.
+// Input ports. `In` must be connected; `OptionalIn` may be left out or be `none`; `ManyIn` takes one or several values (several colliders), or none
+// at all.
 struct InBase {
   int index;
   InBase(Node* owner, const char* name, const PortType& type, PortSpec spec, bool optional, bool many);
@@ -135,7 +136,8 @@ struct Out : OutBase {
   Out(Node* owner, const char* name, PortSpec spec) : OutBase(owner, name, port_type<T>(), spec) {}
 };
 
-enum class Runs { kHost, kAnyDevice };  // where evaluate may be called; on kAnyDevice the scheduler brings every input's buffers to the executor's device
+// Where evaluate may be called; on kAnyDevice the scheduler brings every input's buffers to the executor's device.
+enum class Runs { kHost, kAnyDevice };
 
 class Node {
  public:
@@ -176,26 +178,36 @@ class Context {
   virtual ~Context() = default;
 
   template <class T>
-  const T& get(const In<T>& port) const { return input(port.index, 0).template as<T>(); }
+  const T& get(const In<T>& port) const {
+    return input(port.index, 0).template as<T>();
+  }
   template <class T>
-  const T* get(const OptionalIn<T>& port) const { return input_count(port.index) ? &input(port.index, 0).template as<T>() : nullptr; }
+  const T* get(const OptionalIn<T>& port) const {
+    return input_count(port.index) ? &input(port.index, 0).template as<T>() : nullptr;
+  }
   template <class T>
-  size_t count(const ManyIn<T>& port) const { return input_count(port.index); }
+  size_t count(const ManyIn<T>& port) const {
+    return input_count(port.index);
+  }
   template <class T>
-  const T& get(const ManyIn<T>& port, size_t i) const { return input(port.index, i).template as<T>(); }
+  const T& get(const ManyIn<T>& port, size_t i) const {
+    return input(port.index, i).template as<T>();
+  }
   template <class T>
-  void set(const Out<T>& port, T value) { set_output(port.index, Value::of<T>(std::move(value))); }
+  void set(const Out<T>& port, T value) {
+    set_output(port.index, Value::of<T>(std::move(value)));
+  }
 
   virtual int frame() const = 0;  // throws in checked mode when the node did not say depends_on_frame()
   virtual Executor& executor() const = 0;
   MemoryResource& memory() const { return executor().memory(); }
   virtual bool checked() const { return false; }  // checked mode: what follows from the declarations is proved, at a cost
   virtual bool cancelled() const = 0;
-  void check_cancelled() const;              // throws Error(kCancelled)
+  void check_cancelled() const;                       // throws Error(kCancelled)
   virtual void warn(const std::string& message) = 0;  // kept with the cached result and repeated to the host once per frame
 
-  // A result that several frames share although the node itself depends on the frame (an SDF in the collider's own space): computed once per key, then
-  // taken from the cache. The key must name everything the result depends on.
+  // A result that several frames share although the node itself depends on the frame (an SDF in the collider's own space): computed once per key,
+  // then taken from the cache. The key must name everything the result depends on.
   virtual Value once(const Key& key, FunctionRef<Value()> make) = 0;
 
   // Time spent in a part of this node (the body of a loop), by the part's name; added up.

@@ -5,7 +5,9 @@
 
 namespace knead {
 
-static std::string expected(const char* what, const Literal& literal) { return std::string("expected ") + what + ", found " + literal.kind(); }
+static std::string expected(const char* what, const Literal& literal) {
+  return std::string("expected ") + what + ", found " + literal.kind();
+}
 
 std::string ParamTraits<bool>::parse(const Literal& literal, bool& out) {
   if (const bool* v = literal.as_bool()) return out = *v, "";
@@ -40,6 +42,8 @@ std::string ParamTraits<Triple>::parse(const Literal& literal, Triple& out) {
 Literal ParamTraits<Triple>::schema() {
   return Literal::Map{{"type", "array"}, {"items", Literal::Map{{"type", "number"}}}, {"minItems", 3}, {"maxItems", 3}};
 }
-std::string ParamTraits<Literal>::parse(const Literal& literal, Literal& out) { return out = literal, ""; }
+std::string ParamTraits<Literal>::parse(const Literal& literal, Literal& out) {
+  return out = literal, "";
+}
 
 }  // namespace knead

@@ -32,7 +32,9 @@ std::string source_text(const Plan& plan, Source source) {
   return node.name + "." + node.node->outputs()[static_cast<size_t>(source.output)].name;
 }
 
-std::string where_it_runs(const Node& node, const Executor& executor) { return node.runs() == Runs::kHost ? "host" : executor.name(); }
+std::string where_it_runs(const Node& node, const Executor& executor) {
+  return node.runs() == Runs::kHost ? "host" : executor.name();
+}
 
 void append_text(std::string& text, const Plan& plan, const Executor& executor, const std::string& indent) {
   const auto runs_on = [&](Source source) {
@@ -49,23 +51,26 @@ void append_text(std::string& text, const Plan& plan, const Executor& executor, 
       for (const Source source : node.inputs[port]) {
         const std::string from = runs_on(source);
         const bool moves = executor.device() != Device{} && !from.empty() && (from == "host") != (place == "host");
-        text += indent + "  " + node.node->inputs()[port].name + " <- " + source_text(plan, source) + (moves ? "  [transfer " + from + " -> " + place + "]" : "") + '\n';
+        text += indent + "  " + node.node->inputs()[port].name + " <- " + source_text(plan, source) +
+                (moves ? "  [transfer " + from + " -> " + place + "]" : "") + '\n';
       }
     for (const ParamBase* param : node.node->params())
       if (param->is_set()) text += indent + "  " + param->name() + " = " + param->show().text() + '\n';
     if (const auto* loop = dynamic_cast<const Iterate*>(node.node.get())) {
       append_text(text, loop->body(), executor, indent + "    ");
-      for (const Iterate::State& state : loop->states()) text += indent + "  next " + state.name + " <- " + source_text(loop->body(), state.next) + '\n';
+      for (const Iterate::State& state : loop->states())
+        text += indent + "  next " + state.name + " <- " + source_text(loop->body(), state.next) + '\n';
     }
   }
 }
 
 void append_dot(std::string& text, const Plan& plan, const std::string& prefix) {
   const auto id = [&](const std::string& name) { return "\"" + prefix + name + "\""; };
-  for (const External& external : plan.externals) text += "  " + id(external.name) + " [label=\"" + external.name + "\", shape=ellipse, style=dashed];\n";
+  for (const External& external : plan.externals)
+    text += "  " + id(external.name) + " [label=\"" + external.name + "\", shape=ellipse, style=dashed];\n";
   for (const PlanNode& node : plan.nodes) {
-    text += "  " + id(node.name) + " [label=\"" + node.name + "\\n" + node.type->name + "\"" + (node.frame_dependent ? ", style=filled, fillcolor=\"#ffe9c7\"" : "") +
-            (node.node->has_effect() ? ", shape=note" : "") + "];\n";
+    text += "  " + id(node.name) + " [label=\"" + node.name + "\\n" + node.type->name + "\"" +
+            (node.frame_dependent ? ", style=filled, fillcolor=\"#ffe9c7\"" : "") + (node.node->has_effect() ? ", shape=note" : "") + "];\n";
     for (size_t port = 0; port < node.inputs.size(); ++port)
       for (const Source source : node.inputs[port]) {
         const std::string from = source.node == Source::kExternal ? id(plan.externals[static_cast<size_t>(source.output)].name)

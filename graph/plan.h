@@ -27,7 +27,7 @@ struct PlanNode {
   std::unique_ptr<Node> node;
   std::vector<std::vector<Source>> inputs;  // per input port
   Where where;
-  Key static_key;               // type, version, parameters
+  Key static_key;                // type, version, parameters
   bool frame_dependent = false;  // itself or through its inputs
   bool state_dependent = false;  // in a loop's body: changes from round to round
 };
@@ -51,13 +51,13 @@ struct Plan {
 };
 
 struct CompileOptions {
-  const Registry* registry = nullptr;                                        // null: Registry::builtin()
-  std::function<GraphSpec(const std::string& path)> load_group;               // reads a group's file; relative paths come resolved
-  std::vector<std::pair<std::string, Literal>> overrides;                    // "press.volume.relaxation" -> value, as --set
+  const Registry* registry = nullptr;                            // null: Registry::builtin()
+  std::function<GraphSpec(const std::string& path)> load_group;  // reads a group's file; relative paths come resolved
+  std::vector<std::pair<std::string, Literal>> overrides;        // "press.volume.relaxation" -> value, as --set
 };
 
-// Checks everything and throws GraphErrors with all errors at once: unknown types, ports, parameters and references (with the nearest valid name), type
-// mismatches, missing inputs, cycles, values out of range.
+// Checks everything and throws GraphErrors with all errors at once: unknown types, ports, parameters and references (with the nearest valid name),
+// type mismatches, missing inputs, cycles, values out of range.
 std::shared_ptr<const Plan> compile(const GraphSpec& spec, const CompileOptions& options = {});
 
 // The graph and its schedule for people, and for Graphviz.

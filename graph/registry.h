@@ -36,8 +36,8 @@ void register_group(Registry& registry);
 void register_all_nodes(Registry& registry);  // generated from the files of nodes/
 
 // One per file of nodes/, where `stem` is the file's stem and the node's name.
-#define KNEAD_REGISTER(stem, Class, version, manual)                                                          \
-  void register_##stem(Registry& registry) {                                                                  \
+#define KNEAD_REGISTER(stem, Class, version, manual)                                                             \
+  void register_##stem(Registry& registry) {                                                                     \
     registry.add({#stem, version, manual, [] { return std::unique_ptr<Node>(std::make_unique<Class>()); }, {}}); \
   }
 

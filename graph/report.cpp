@@ -21,8 +21,12 @@ void put(Report& report, const std::string& name, Entry value) {
 
 }  // namespace
 
-void Report::set(const std::string& name, double value) { put(*this, name, value); }
-void Report::set(const std::string& name, const std::string& value) { put(*this, name, value); }
+void Report::set(const std::string& name, double value) {
+  put(*this, name, value);
+}
+void Report::set(const std::string& name, const std::string& value) {
+  put(*this, name, value);
+}
 
 double Report::number(const std::string& name, double otherwise) const {
   const Entry* entry = find(*this, name);
@@ -37,8 +41,10 @@ std::string Report::word(const std::string& name) const {
 void PortTraits<Report>::hash(const Report& report, Hasher& hasher) {
   for (const auto& [name, value] : report.entries) {
     hasher.add(name).add(value.index());
-    if (const double* number = std::get_if<double>(&value)) hasher.add(*number);
-    else hasher.add(std::get<std::string>(value));
+    if (const double* number = std::get_if<double>(&value))
+      hasher.add(*number);
+    else
+      hasher.add(std::get<std::string>(value));
   }
 }
 

@@ -36,9 +36,11 @@ void RoundContext::evaluate() {
     const Key before = checked() ? content_of_inputs() : Key{};
     node.evaluate(*this);
     if (checked() && content_of_inputs() != before)
-      throw Error(ErrorCode::kInternal, "node type '" + plan_node().type->name + "' changed its inputs", "published buffers are shared: write to new ones");
+      throw Error(ErrorCode::kInternal, "node type '" + plan_node().type->name + "' changed its inputs",
+                  "published buffers are shared: write to new ones");
     for (size_t k = 0; k < node.outputs().size(); ++k)
-      if (!outputs()[k]) throw Error(ErrorCode::kInternal, "node type '" + plan_node().type->name + "' did not set its output '" + node.outputs()[k].name + "'");
+      if (!outputs()[k])
+        throw Error(ErrorCode::kInternal, "node type '" + plan_node().type->name + "' did not set its output '" + node.outputs()[k].name + "'");
   } catch (...) {
     throw error_in_flight(plan_node().where);
   }

@@ -20,8 +20,8 @@ struct Round {
   }
 };
 
-// The part of a Context that reads a node's inputs from a round and puts its outputs there. A source without a value (a loop's state before its first round)
-// counts as not connected.
+// The part of a Context that reads a node's inputs from a round and puts its outputs there. A source without a value (a loop's state before its first
+// round) counts as not connected.
 class RoundContext : public Context {
  public:
   RoundContext(Round& round, int node) : round_(round), node_(node) {}

@@ -83,11 +83,16 @@ class SpecReader {
       } else if (const Literal::Map* fields = map(body, "type, optional, many, doc")) {
         for (const auto& [field, value] : *fields) {
           const std::string field_name = key(field);
-          if (field_name == "type") input.type = text(value, "type");
-          else if (field_name == "optional") input.optional = flag(value, "optional");
-          else if (field_name == "many") input.many = flag(value, "many");
-          else if (field_name == "doc") input.doc = text(value, "doc");
-          else unknown(field, field_name, {"type", "optional", "many", "doc"});
+          if (field_name == "type")
+            input.type = text(value, "type");
+          else if (field_name == "optional")
+            input.optional = flag(value, "optional");
+          else if (field_name == "many")
+            input.many = flag(value, "many");
+          else if (field_name == "doc")
+            input.doc = text(value, "doc");
+          else
+            unknown(field, field_name, {"type", "optional", "many", "doc"});
         }
       }
       if (input.type.empty()) wrong(name, "input '" + input.name + "' has no type", "Surface, Sdf, Weights, ...");
@@ -104,9 +109,12 @@ class SpecReader {
       if (const Literal::Map* fields = body.as_map()) {
         for (const auto& [field, value] : *fields) {
           const std::string field_name = key(field);
-          if (field_name == "default") parameter.value = value;
-          else if (field_name == "doc") parameter.doc = text(value, "doc");
-          else unknown(field, field_name, {"default", "doc"});
+          if (field_name == "default")
+            parameter.value = value;
+          else if (field_name == "doc")
+            parameter.doc = text(value, "doc");
+          else
+            unknown(field, field_name, {"default", "doc"});
         }
         if (!body.find("default")) wrong(name, "parameter '" + parameter.name + "' has no default");
       } else {

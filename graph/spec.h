@@ -1,4 +1,5 @@
-// A graph as it was written, before any check: node names, types and arguments, each with its place. Made by io/graph_file.h from YAML or by C++ calls:
+// A graph as it was written, before any check: node names, types and arguments, each with its place. Made by io/graph_file.h from YAML or by C++
+// calls:
 //
 //   GraphSpec graph;
 //   graph.add("ball", "primitive", {{"shape", "sphere"}});
@@ -34,9 +35,9 @@ struct GroupParameterSpec {
 };
 
 struct GraphSpec {
-  std::string file;                // named in errors; relative paths in it are relative to its folder
+  std::string file;  // named in errors; relative paths in it are relative to its folder
   std::string description;
-  std::vector<int> frames{1};      // what `knead run` does by default
+  std::vector<int> frames{1};  // what `knead run` does by default
   std::vector<NodeSpec> nodes;
   // When the graph is used as a node (`type: group`): what stands behind `inputs.NAME` and `$NAME` in its nodes, and what `group.NAME` means outside.
   std::vector<GroupInputSpec> inputs;

@@ -5,7 +5,7 @@
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
 //   and optionally
 //   static void hash(const T&, Hasher&)                              what the buffers do not hold, for checked mode's comparisons
-//   static double unrest(const T& before, const T& after, Executor&)  how far from rest a loop's state is, as a fraction of its own size; `iterate` stops on it
+//   static double unrest(const T& before, const T& after, Executor&)  how far from rest a loop's state is, over its own size; `iterate` stops on it
 #pragma once
 #include <atomic>
 #include <memory>
@@ -25,11 +25,11 @@ class Value;
 
 struct PortType {
   const char* name;
-  size_t (*bytes)(const Value&);                                     // of all its buffers
-  bool (*on_device)(const Value&, Device);                           // every buffer lives there
-  Value (*moved)(const Value&, Executor& from_to);                   // a copy with every buffer on the executor's device
-  Value (*to_host)(const Value&, Executor& from);                    // and back
-  Key (*content)(const Value&);                                      // hash of all host buffers and of PortTraits<T>::hash; checked mode
+  size_t (*bytes)(const Value&);                                         // of all its buffers
+  bool (*on_device)(const Value&, Device);                               // every buffer lives there
+  Value (*moved)(const Value&, Executor& from_to);                       // a copy with every buffer on the executor's device
+  Value (*to_host)(const Value&, Executor& from);                        // and back
+  Key (*content)(const Value&);                                          // hash of all host buffers and of PortTraits<T>::hash; checked mode
   double (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
 };
 
@@ -37,7 +37,9 @@ template <class T>
 const PortType& port_type();
 
 // By name when the addresses differ: a host program and the library may each have an instance.
-inline bool same_type(const PortType& a, const PortType& b) { return &a == &b || std::strcmp(a.name, b.name) == 0; }
+inline bool same_type(const PortType& a, const PortType& b) {
+  return &a == &b || std::strcmp(a.name, b.name) == 0;
+}
 
 class Value {
  public:

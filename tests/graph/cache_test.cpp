@@ -10,9 +10,15 @@
 namespace knead {
 namespace cache_test {
 
-Key key_of(int i) { return Hasher().add(i).key(); }
-Cache::Result result_of(double value, size_t size = 1) { return {{Value::of(toys::numbers(value, host_memory(), size))}, {"warned"}}; }
-double value_in(const Cache::Result& result) { return toys::first(result.outputs.at(0).as<toys::Numbers>()); }
+Key key_of(int i) {
+  return Hasher().add(i).key();
+}
+Cache::Result result_of(double value, size_t size = 1) {
+  return {{Value::of(toys::numbers(value, host_memory(), size))}, {"warned"}};
+}
+double value_in(const Cache::Result& result) {
+  return toys::first(result.outputs.at(0).as<toys::Numbers>());
+}
 
 TEST(Cache, KeepsWhatIsStoredAndCounts) {
   Cache cache;

@@ -13,7 +13,9 @@ using testing::HasSubstr;
 
 struct Checked {
   explicit Checked(const std::string& nodes, bool checked = true) : evaluator(plan(nodes), options(checked)) {}
-  static std::shared_ptr<const Plan> plan(const std::string& nodes) { return compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options()); }
+  static std::shared_ptr<const Plan> plan(const std::string& nodes) {
+    return compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options());
+  }
   static EvaluatorOptions options(bool checked) {
     EvaluatorOptions made;
     made.checked = checked;
@@ -32,7 +34,8 @@ class CheckedMode : public testing::Test {
 };
 
 TEST_F(CheckedMode, FindsANodeThatReadsTheFrameWithoutSayingSo) {
-  EXPECT_THAT(Checked("  x: {type: sly_frame}").error("x"), AllOf(HasSubstr("t.yaml:3:3, node 'x'"), HasSubstr("node type 'sly_frame' reads the frame without saying so")));
+  EXPECT_THAT(Checked("  x: {type: sly_frame}").error("x"),
+              AllOf(HasSubstr("t.yaml:3:3, node 'x'"), HasSubstr("node type 'sly_frame' reads the frame without saying so")));
   EXPECT_EQ(Checked("  x: {type: sly_frame}", false).error("x"), "");
   EXPECT_EQ(Checked("  x: {type: frame}").error("x"), "");
 }
@@ -54,7 +57,8 @@ TEST_F(CheckedMode, FindsAResultThatDependsOnSomethingOutsideItsKey) {
   EXPECT_EQ(checked.error("y"), "");
   EXPECT_EQ(checked.error("y"), "");
   toys::world().hidden = 2;
-  EXPECT_THAT(checked.error("y"), AllOf(HasSubstr("node 'x': output 'value' differs from its cached result"), HasSubstr("node type 'sly_global' depends on something")));
+  EXPECT_THAT(checked.error("y"),
+              AllOf(HasSubstr("node 'x': output 'value' differs from its cached result"), HasSubstr("node type 'sly_global' depends on something")));
 }
 
 TEST_F(CheckedMode, FindsAnUnnamedDependenceOfASharedPart) {
@@ -65,7 +69,8 @@ TEST_F(CheckedMode, FindsAnUnnamedDependenceOfASharedPart) {
 }
 
 TEST_F(CheckedMode, FindsANodeThatChangesItsInputs) {
-  EXPECT_THAT(Checked("  v: {type: value}\n  x: {type: sly_write, in: v}").error("x"), HasSubstr("node 'x': node type 'sly_write' changed its inputs"));
+  EXPECT_THAT(Checked("  v: {type: value}\n  x: {type: sly_write, in: v}").error("x"),
+              HasSubstr("node 'x': node type 'sly_write' changed its inputs"));
   EXPECT_THAT(Checked("  v: {type: value}\n  l: {type: iterate, state: {x: v}, body: {w: {type: sly_write, in: state.x}}, next: {x: w}}").error("l"),
               HasSubstr("node 'l.w': node type 'sly_write' changed its inputs"));
 }
@@ -82,7 +87,8 @@ TEST_F(CheckedMode, HasNothingAgainstHonestGraphsAndRunsEffectsOnce) {
   w: {type: write, in: sum}
 )");
   for (int pass = 0; pass < 2; ++pass)
-    checked.evaluator.evaluate_frames({1, 2, 3}, {"sum"}, true, [&](const FrameResult& result) { EXPECT_FALSE(result.error) << result.error->what(); });
+    checked.evaluator.evaluate_frames({1, 2, 3}, {"sum"}, true,
+                                      [&](const FrameResult& result) { EXPECT_FALSE(result.error) << result.error->what(); });
   EXPECT_EQ(toys::world().written.size(), 6u);
 }
 

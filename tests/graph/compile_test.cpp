@@ -49,7 +49,9 @@ TEST(Compile, OrdersNodesByWhatTheyNeed) {
   EXPECT_THROW(plan->find("lst"), Error);
 }
 
-TEST(Compile, TakesAnEmptyGraph) { EXPECT_TRUE(plan_of("  {}")->nodes.empty()); }
+TEST(Compile, TakesAnEmptyGraph) {
+  EXPECT_TRUE(plan_of("  {}")->nodes.empty());
+}
 
 TEST(Compile, NamesUnknownTypesNodesOutputsAndParametersWithTheNearestAtOnceAndInOrder) {
   EXPECT_THAT(errors_of(R"(
@@ -71,7 +73,8 @@ TEST(Compile, NamesUnknownTypesNodesOutputsAndParametersWithTheNearestAtOnceAndI
 
 TEST(Compile, ListsWhatThereIsWhenNothingIsNear) {
   EXPECT_THAT(errors_of("  a: {type: value, whatever_else: 3}"), ElementsAre(HasSubstr("(it takes value, size)")));
-  EXPECT_THAT(errors_of("  a: {type: value}\n  s: {type: spell, in: a}\n  b: {type: add, a: s.absolutely}"), ElementsAre(HasSubstr("(it has word, number)")));
+  EXPECT_THAT(errors_of("  a: {type: value}\n  s: {type: spell, in: a}\n  b: {type: add, a: s.absolutely}"),
+              ElementsAre(HasSubstr("(it has word, number)")));
 }
 
 TEST(Compile, ReportsAMistakeOnceAndNotWhatFollowsFromIt) {
@@ -92,16 +95,19 @@ TEST(Compile, AsksForInputsThatMustBeConnected) {
 }
 
 TEST(Compile, TakesNoneForAnOptionalInput) {
-  const auto plan = plan_of("  v: {type: value}\n  a: {type: add, a: v, b: none}\n  s: {type: sum, of: none}\n  t: {type: sum}\n  l: {type: sum, of: [v, none, v]}");
+  const auto plan = plan_of(
+      "  v: {type: value}\n  a: {type: add, a: v, b: none}\n  s: {type: sum, of: none}\n  t: {type: sum}\n  l: {type: sum, of: [v, none, v]}");
   EXPECT_THAT(plan->nodes[1].inputs[1], IsEmpty());
   EXPECT_THAT(plan->nodes[2].inputs[0], IsEmpty());
   EXPECT_THAT(plan->nodes[4].inputs[0], ElementsAre(Source{0, 0}, Source{0, 0}));
 }
 
 TEST(Compile, TellsWhichOutputWouldFitOnATypeMismatch) {
-  EXPECT_THAT(errors_of("  v: {type: value}\n  s: {type: spell, in: v}\n  a: {type: add, a: s}\n  b: {type: add, a: s.number}\n  c: {type: sum, of: [v, s.word]}"),
-              ElementsAre("t.yaml:5:21, node 'a', 'a': expected a Numbers, but 's' is a Word (did you mean 's.number'?)",
-                          "t.yaml:7:26, node 'c', 'of': expected a Numbers, but 's.word' is a Word (did you mean 's.number'?)"));
+  EXPECT_THAT(
+      errors_of(
+          "  v: {type: value}\n  s: {type: spell, in: v}\n  a: {type: add, a: s}\n  b: {type: add, a: s.number}\n  c: {type: sum, of: [v, s.word]}"),
+      ElementsAre("t.yaml:5:21, node 'a', 'a': expected a Numbers, but 's' is a Word (did you mean 's.number'?)",
+                  "t.yaml:7:26, node 'c', 'of': expected a Numbers, but 's.word' is a Word (did you mean 's.number'?)"));
 }
 
 TEST(Compile, RefusesAListWhereOneValueGoes) {
@@ -111,8 +117,9 @@ TEST(Compile, RefusesAListWhereOneValueGoes) {
 }
 
 TEST(Compile, RefusesWhatIsNoReference) {
-  EXPECT_THAT(errors_of("  v: {type: value}\n  a: {type: add, a: 3, b: {x: 1}}"),
-              ElementsAre(HasSubstr("t.yaml:4:21, node 'a', 'a': expected the name of a node or of its output, found an integer"), HasSubstr("found a map")));
+  EXPECT_THAT(
+      errors_of("  v: {type: value}\n  a: {type: add, a: 3, b: {x: 1}}"),
+      ElementsAre(HasSubstr("t.yaml:4:21, node 'a', 'a': expected the name of a node or of its output, found an integer"), HasSubstr("found a map")));
   EXPECT_THAT(errors_of("  v: {type: value}\n  w: {type: write, in: v}\n  a: {type: add, a: w}"), ElementsAre(HasSubstr("'w' has no outputs")));
 }
 
@@ -125,9 +132,11 @@ TEST(Compile, ShowsACycleOnce) {
 
 TEST(Compile, RefusesBadNames) {
   EXPECT_THAT(errors_of("  1a: {type: value}\n  a.b: {type: value}\n  state: {type: value}\n  inputs: {type: value}\n  none: {type: value}"),
-              ElementsAre(HasSubstr("'1a' is no name"), HasSubstr("'a.b' is no name"), HasSubstr("'state' has a meaning"), HasSubstr("'inputs'"), HasSubstr("'none'")));
+              ElementsAre(HasSubstr("'1a' is no name"), HasSubstr("'a.b' is no name"), HasSubstr("'state' has a meaning"), HasSubstr("'inputs'"),
+                          HasSubstr("'none'")));
   EXPECT_THAT(errors_of("  a: {value: 2}"), ElementsAre(HasSubstr("t.yaml:3:3, node 'a': the node has no type")));
-  EXPECT_THAT(errors_of("  v: {type: value}\n  a: {type: add, a: state.x}"), ElementsAre(HasSubstr("only the body of a loop has states")));
+  EXPECT_THAT(errors_of("  v: {type: value}\n  a: {type: add, a: state.x}"),
+              ElementsAre(HasSubstr("there is no state here (only the body of a loop has states)")));
 }
 
 TEST(Compile, ChecksGraphsMadeByCallsAsWell) {
@@ -139,8 +148,8 @@ TEST(Compile, ChecksGraphsMadeByCallsAsWell) {
   } catch (const GraphErrors& errors) {
     std::vector<std::string> texts;
     for (const Error& error : errors.errors()) texts.push_back(error.what());
-    EXPECT_THAT(texts, ElementsAre(HasSubstr("node 'a': node 'a' is there twice"), HasSubstr("'c d' is no name"), HasSubstr("node 'b': the node has no type"),
-                                   HasSubstr("there is no node 'f'")));
+    EXPECT_THAT(texts, ElementsAre(HasSubstr("node 'a': node 'a' is there twice"), HasSubstr("'c d' is no name"),
+                                   HasSubstr("node 'b': the node has no type"), HasSubstr("there is no node 'f'")));
   }
 }
 
@@ -195,8 +204,10 @@ TEST(Compile, TheLastOfTwoValuesForTheSameParameterHolds) {
 TEST(Compile, SaysWhatIsWrongWithValuesFromTheCommandLine) {
   const std::string graph = "  v: {type: value}\n  a: {type: add, a: v}";
   EXPECT_THAT(errors_of(graph, {{"v.valu", 5}, {"u.value", 5}, {"v.size", -1}, {"a.b", "x"}}),
-              ElementsAre("--set, node 'v', 'size': -1 is out of range: expected at least 1", "--set, node 'a', 'b': there is no node 'x' (did you mean 'v'?)",
-                          "--set, 'v.valu': no node has this parameter (did you mean 'v.value'?)", "--set, 'u.value': no node has this parameter (did you mean 'v.value'?)"));
+              ElementsAre("--set, node 'v', 'size': -1 is out of range: expected at least 1",
+                          "--set, node 'a', 'b': there is no node 'x' (did you mean 'v'?)",
+                          "--set, 'v.valu': no node has this parameter (did you mean 'v.value'?)",
+                          "--set, 'u.value': no node has this parameter (did you mean 'v.value'?)"));
 }
 
 TEST(Compile, DoesNotBlameValuesForWhatCouldNotBeLookedInto) {
@@ -205,7 +216,9 @@ TEST(Compile, DoesNotBlameValuesForWhatCouldNotBeLookedInto) {
 }
 
 TEST(Compile, GivesEqualKeysToEqualNodesAndOthersToOthers) {
-  const auto plan = plan_of("  a: {type: value, value: 2}\n  b: {type: value, value: 2.0}\n  c: {type: value, value: 3}\n  d: {type: value, value: 2, size: 2}\n  e: {type: frame}");
+  const auto plan = plan_of(
+      "  a: {type: value, value: 2}\n  b: {type: value, value: 2.0}\n  c: {type: value, value: 3}\n  d: {type: value, value: 2, size: 2}\n  e: "
+      "{type: frame}");
   const auto key = [&](size_t i) { return plan->nodes[i].static_key; };
   EXPECT_EQ(key(0), key(1));
   EXPECT_NE(key(0), key(2));
@@ -233,9 +246,10 @@ TEST(CompileLoop, GivesStatesAndAReportAsOutputs) {
 }
 
 TEST(CompileLoop, AsksForItsParts) {
-  EXPECT_THAT(errors_of("  l: {type: iterate, state: 3, thresold: 1}"),
-              ElementsAre(HasSubstr("needs `body:`"), HasSubstr("needs `next:`"), HasSubstr("t.yaml:3:29, node 'l': a loop needs `state:` with a map"),
-                          AllOf(StartsWith("t.yaml:3:32"), HasSubstr("did you mean 'threshold'?"))));
+  EXPECT_THAT(
+      errors_of("  l: {type: iterate, state: 3, thresold: 1}"),
+      ElementsAre(HasSubstr("needs `body:`"), HasSubstr("needs `next:`"), HasSubstr("t.yaml:3:29, node 'l': a loop needs `state:` with a map"),
+                  AllOf(StartsWith("t.yaml:3:32"), HasSubstr("did you mean 'threshold'?"))));
 }
 
 TEST(CompileLoop, ReportsWhatIsWrongInsideAndAroundAtOnce) {
@@ -252,11 +266,13 @@ TEST(CompileLoop, ReportsWhatIsWrongInsideAndAroundAtOnce) {
     next: {x: s, z: r}
   after: {type: add, a: l.x, b: l.nothing}
 )"),
-              ElementsAre(AllOf(StartsWith("t.yaml:7:16"), HasSubstr("expected a number")), AllOf(StartsWith("t.yaml:8:22"), HasSubstr("no node 'nowhere'")),
-                          HasSubstr("a state cannot be named report"), AllOf(StartsWith("t.yaml:10:27"), HasSubstr("no state 'xx'"), HasSubstr("did you mean 'x'?")),
+              ElementsAre(AllOf(StartsWith("t.yaml:7:16"), HasSubstr("expected a number")),
+                          AllOf(StartsWith("t.yaml:8:22"), HasSubstr("no node 'nowhere'")), HasSubstr("a state cannot be named report"),
+                          AllOf(StartsWith("t.yaml:10:27"), HasSubstr("no state 'xx'"), HasSubstr("did you mean 'x'?")),
                           AllOf(StartsWith("t.yaml:10:45"), HasSubstr("no node 'vv'"), HasSubstr("did you mean 'v'?")),
                           HasSubstr("t.yaml:11:7, node 'l.broken': the node has no type"),
-                          AllOf(StartsWith("t.yaml:12:7"), HasSubstr("did you mean 'relax'?")), HasSubstr("t.yaml:13:11, node 'l', 'next': state 'y' has no value"),
+                          AllOf(StartsWith("t.yaml:12:7"), HasSubstr("did you mean 'relax'?")),
+                          HasSubstr("t.yaml:13:11, node 'l', 'next': state 'y' has no value"),
                           AllOf(StartsWith("t.yaml:13:18"), HasSubstr("the loop has no state 'z'"))));
 }
 
@@ -292,7 +308,8 @@ TEST(CompileLoop, RefusesEffectsInItsBody) {
 }
 
 TEST(CompileLoop, SeesACycleThroughItsBody) {
-  EXPECT_THAT(errors_of("  v: {type: value}\n  a: {type: add, a: l}\n  l: {type: iterate, state: {x: v}, body: {r: {type: relax, x: state.x, target: a}}, next: {x: r}}"),
+  EXPECT_THAT(errors_of("  v: {type: value}\n  a: {type: add, a: l}\n  l: {type: iterate, state: {x: v}, body: {r: {type: relax, x: state.x, target: "
+                        "a}}, next: {x: r}}"),
               ElementsAre(HasSubstr("a cycle: a -> l -> l.r -> a")));
 }
 
@@ -337,8 +354,9 @@ TEST(CompileLoop, KeyChangesWithItsBody) {
 TEST(PlanDump, SaysWhatDependsOnWhatAndWhen) {
   const auto plan = plan_of(std::string(kLoop) + "  f: {type: frame}\n  g: {type: add, a: f, b: l}\n");
   const std::string text = plan_text(*plan, *make_serial_executor());
-  EXPECT_THAT(text, AllOf(HasSubstr("v (value): on host, once"), HasSubstr("f (frame): on host, every frame"), HasSubstr("w (write): on host, every frame, writes"),
-                          HasSubstr("l.r (relax): on serial, every round"), HasSubstr("next x <- l.r.x")));
+  EXPECT_THAT(text, AllOf(HasSubstr("v (value): on host, once"), HasSubstr("f (frame): on host, every frame"),
+                          HasSubstr("w (write): on host, every frame, writes"), HasSubstr("l.r (relax): on serial, every round"),
+                          HasSubstr("next x <- l.r.x")));
   const std::string dot = plan_dot(*plan);
   EXPECT_THAT(dot, AllOf(StartsWith("digraph knead {"), HasSubstr("\"v\" -> \"l\""), HasSubstr("subgraph \"cluster_l\""), HasSubstr("shape=note")));
   EXPECT_EQ(std::count(dot.begin(), dot.end(), '{'), std::count(dot.begin(), dot.end(), '}'));
@@ -347,7 +365,8 @@ TEST(PlanDump, SaysWhatDependsOnWhatAndWhen) {
 TEST(PlanDump, ShowsTransfersToADevice) {
   const auto plan = plan_of("  v: {type: value}\n  d: {type: device_add, in: v}\n  e: {type: device_add, in: d}\n  a: {type: add, a: e}");
   toys::FakeExecutor fake;
-  EXPECT_THAT(plan_text(*plan, fake), AllOf(HasSubstr("in <- v.value  [transfer host -> fake]"), HasSubstr("in <- d.sum\n"), HasSubstr("a <- e.sum  [transfer fake -> host]")));
+  EXPECT_THAT(plan_text(*plan, fake), AllOf(HasSubstr("in <- v.value  [transfer host -> fake]"), HasSubstr("in <- d.sum\n"),
+                                            HasSubstr("a <- e.sum  [transfer fake -> host]")));
 }
 
 }  // namespace compile_test

@@ -30,7 +30,9 @@ class EvaluatorTest : public testing::Test {
   void SetUp() override { toys::begin_anew(); }
 };
 
-double value_of(const FrameResult& result, const std::string& output) { return toys::first(result.values.at(output).as<toys::Numbers>()); }
+double value_of(const FrameResult& result, const std::string& output) {
+  return toys::first(result.values.at(output).as<toys::Numbers>());
+}
 
 const char* const kChain = R"(
   a: {type: value, value: 1}
@@ -170,6 +172,21 @@ TEST_F(EvaluatorTest, AFrameThatFailsLeavesTheOthers) {
   EXPECT_THAT(toys::world().written, UnorderedElementsAre(Pair(1, 1), Pair(2, 2), Pair(4, 4), Pair(5, 5)));
 }
 
+TEST_F(EvaluatorTest, FramesThatStarveEachOtherAreTriedAgainAlone) {
+  Evaluator evaluator(plan_of("  f: {type: frame}\n  g: {type: greedy, in: f}"));
+  std::vector<int> good;
+  evaluator.evaluate_frames({1, 2, 3, 4, 5, 6}, {"g"}, false, [&](const FrameResult& result) {
+    if (!result.error) good.push_back(result.frame);
+  });
+  EXPECT_THAT(good, UnorderedElementsAre(1, 2, 3, 4, 5, 6));
+  Evaluator hopeless(
+      plan_of("  v: {type: value, value: 0}\n  f: {type: frame}\n  x: {type: failing, in: v, how: memory}\n  y: {type: add, a: f, b: x}"));
+  int failed = 0;
+  hopeless.evaluate_frames({1, 2, 3}, {"y"}, false,
+                           [&](const FrameResult& result) { failed += result.error && result.error->code() == ErrorCode::kMemory; });
+  EXPECT_EQ(failed, 3);
+}
+
 TEST_F(EvaluatorTest, ANodeThatFailsStopsOnlyWhatNeedsItAndTheFirstErrorIsToldWhateverTheThreads) {
   const auto three = make_cpu_executor(3);
   EvaluatorOptions options;
@@ -202,7 +219,8 @@ TEST_F(EvaluatorTest, EveryKindOfExceptionComesBackAsAnErrorOfItsNode) {
 }
 
 TEST_F(EvaluatorTest, ANodeThatForgetsAnOutputIsFoundOut) {
-  EXPECT_THAT(Evaluator(plan_of("  x: {type: forgets}")).evaluate(1, {"x"}).error->what(), HasSubstr("node type 'forgets' did not set its output 'value'"));
+  EXPECT_THAT(Evaluator(plan_of("  x: {type: forgets}")).evaluate(1, {"x"}).error->what(),
+              HasSubstr("node type 'forgets' did not set its output 'value'"));
 }
 
 TEST_F(EvaluatorTest, GetThrowsTheFramesError) {

@@ -49,8 +49,16 @@ TEST(Executor, TakesAGrainOfZeroForOne) {
 
 TEST(Executor, BringsExceptionsOutAndWorksOn) {
   for (const auto& executor : executors()) {
-    EXPECT_THROW(executor->parallel_ranges(1000, 1, [](size_t begin, size_t) { if (begin == 500) throw Error(ErrorCode::kInput, "here"); }), Error);
-    EXPECT_THROW(executor->run_graph({{1}, {2}, {}}, {0, 1, 1}, [](int i) { if (i == 1) throw Error(ErrorCode::kInput, "here"); }), Error);
+    EXPECT_THROW(executor->parallel_ranges(1000, 1,
+                                           [](size_t begin, size_t) {
+                                             if (begin == 500) throw Error(ErrorCode::kInput, "here");
+                                           }),
+                 Error);
+    EXPECT_THROW(executor->run_graph({{1}, {2}, {}}, {0, 1, 1},
+                                     [](int i) {
+                                       if (i == 1) throw Error(ErrorCode::kInput, "here");
+                                     }),
+                 Error);
     std::atomic<int> calls{0};
     executor->parallel_ranges(100, 1, [&](size_t, size_t) { ++calls; });
     executor->run_graph({{}, {}}, {0, 0}, [&](int) { ++calls; });

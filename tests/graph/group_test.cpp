@@ -50,7 +50,8 @@ std::shared_ptr<const Plan> plan_of(const std::string& nodes, const Files& files
   return compile(spec, with(files, overrides));
 }
 
-std::vector<std::string> errors_of(const std::string& nodes, const Files& files = {{"blend", kBlend}}, const std::vector<std::pair<std::string, Literal>>& overrides = {}) {
+std::vector<std::string> errors_of(const std::string& nodes, const Files& files = {{"blend", kBlend}},
+                                   const std::vector<std::pair<std::string, Literal>>& overrides = {}) {
   try {
     plan_of(nodes, files, overrides);
   } catch (const GraphErrors& errors) {
@@ -158,10 +159,14 @@ TEST(Group, SaysWhatIsWrongWithItsUse) {
 }
 
 TEST(Group, NamesItsOwnFileForWhatIsWrongInside) {
-  const Files files{{"bad", "knead: 1\ninputs: {a: Numbers}\nparameters: {offset: 1}\nnodes:\n  s: {type: ad, a: inputs.a}\n  t: {type: add, a: inputs.b, offset: $ofset}\noutputs: {x: s, y: u}\n"}};
+  const Files files{{"bad",
+                     "knead: 1\ninputs: {a: Numbers}\nparameters: {offset: 1}\nnodes:\n  s: {type: ad, a: inputs.a}\n  t: {type: add, a: inputs.b, "
+                     "offset: $ofset}\noutputs: {x: s, y: u}\n"}};
   EXPECT_THAT(errors_of("  v: {type: value}\n  g: {type: group, path: bad, a: v}\n  h: {type: add, a: g}", files),
-              ElementsAre(HasSubstr("bad:5:3, node 'g.s': unknown node type 'ad'"), HasSubstr("bad:6:21, node 'g.t', 'a': 'inputs' has no output 'b' (did you mean 'a'?)"),
-                          HasSubstr("bad:6:39, node 'g.t': the graph has no parameter 'ofset' (did you mean 'offset'?)"), HasSubstr("bad:7:20, node 'g.outputs', 'y': there is no node 'u'")));
+              ElementsAre(HasSubstr("bad:5:3, node 'g.s': unknown node type 'ad'"),
+                          HasSubstr("bad:6:21, node 'g.t', 'a': 'inputs' has no output 'b' (did you mean 'a'?)"),
+                          HasSubstr("bad:6:39, node 'g.t': the graph has no parameter 'ofset' (did you mean 'offset'?)"),
+                          HasSubstr("bad:7:20, node 'g.outputs', 'y': there is no node 'u'")));
 }
 
 TEST(Group, SeesNothingOfTheGraphThatUsesIt) {
@@ -171,7 +176,8 @@ TEST(Group, SeesNothingOfTheGraphThatUsesIt) {
 
 TEST(Group, DoesNotUseItselfOrAThousandOthers) {
   const Files loop{{"self", "knead: 1\nnodes: {g: {type: group, path: self}, h: {type: group, path: self}}\noutputs: {x: g}\n"}};
-  EXPECT_THAT(errors_of("  g: {type: group, path: self}", loop), ElementsAre(HasSubstr("group 'self' uses itself"), HasSubstr("group 'self' uses itself")));
+  EXPECT_THAT(errors_of("  g: {type: group, path: self}", loop),
+              ElementsAre(HasSubstr("group 'self' uses itself"), HasSubstr("group 'self' uses itself")));
   Files bomb;
   for (int i = 0; i < 12; ++i) {
     const std::string next = "b" + std::to_string(i + 1);
@@ -189,7 +195,8 @@ TEST(Group, LetsValuesFromTheCommandLineIn) {
   EXPECT_EQ(value_of(plan_of(graph, {{"blend", kBlend}}, {{"g.scale", 5}}), "g.frame", 2), 10);
   EXPECT_EQ(value_of(plan_of(graph, {{"blend", kBlend}}, {{"g.f.scale", 5}}), "g.frame", 2), 10);
   EXPECT_THAT(errors_of(graph, {{"blend", kBlend}}, {{"g.f.scal", 5}, {"g.ofset", 1}}),
-              ElementsAre(HasSubstr("--set, node 'g', 'ofset': the node has no such"), HasSubstr("--set, 'g.f.scal': no node has this parameter (did you mean 'g.f.scale'?)")));
+              ElementsAre(HasSubstr("--set, node 'g', 'ofset': the node has no such"),
+                          HasSubstr("--set, 'g.f.scal': no node has this parameter (did you mean 'g.f.scale'?)")));
   EXPECT_THAT(errors_of("  g: {type: group, path: nowhere}", {}, {{"g.f.scal", 5}}), ElementsAre(HasSubstr("no such file")));
 }
 

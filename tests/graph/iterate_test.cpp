@@ -22,8 +22,12 @@ std::atomic<uint64_t> allocations{0};
   if (void* storage = std::malloc(size ? size : 1)) return storage;
   throw std::bad_alloc();
 }
-[[gnu::noinline]] void operator delete(void* storage) noexcept { std::free(storage); }
-[[gnu::noinline]] void operator delete(void* storage, size_t) noexcept { std::free(storage); }
+[[gnu::noinline]] void operator delete(void* storage) noexcept {
+  std::free(storage);
+}
+[[gnu::noinline]] void operator delete(void* storage, size_t) noexcept {
+  std::free(storage);
+}
 
 namespace knead {
 namespace iterate_test {
@@ -87,47 +91,60 @@ TEST_F(IterateTest, MakesNoRoundWhenNoneIsAllowed) {
   Loop loop(relaxing("    max_iterations: 0\n"));
   EXPECT_EQ(loop.get("l"), 0);
   EXPECT_EQ(loop.report("l").number("iterations"), 0);
-  EXPECT_THAT(Loop("  v: {type: value}\n  l: {type: iterate, max_iterations: 0, state: {m: none}, body: {t: {type: tally, memory: state.m, of: v}}, next: {m: t}}").error("l"),
+  EXPECT_THAT(Loop("  v: {type: value}\n  l: {type: iterate, max_iterations: 0, state: {m: none}, body: {t: {type: tally, memory: state.m, of: v}}, "
+                   "next: {m: t}}")
+                  .error("l"),
               HasSubstr("node 'l': state 'm' has no value: it starts with none and no round was made"));
 }
 
 TEST_F(IterateTest, MakesAllRoundsWhenNothingSaysHowFarFromRestItIs) {
-  Loop loop("  v: {type: value}\n  s: {type: spell, in: v}\n  l: {type: iterate, max_iterations: 5, state: {w: s.word}, body: {z: {type: spell, in: v}}, next: {w: z.word}}");
+  Loop loop(
+      "  v: {type: value}\n  s: {type: spell, in: v}\n  l: {type: iterate, max_iterations: 5, state: {w: s.word}, body: {z: {type: spell, in: v}}, "
+      "next: {w: z.word}}");
   EXPECT_EQ(loop.report("l").number("iterations"), 5);
   EXPECT_EQ(loop.report("l").word("ended"), "iteration limit");
 }
 
 TEST_F(IterateTest, StartsAStateWithNone) {
-  Loop loop("  v: {type: value}\n  l: {type: iterate, threshold: 0, max_iterations: 6, state: {m: none, x: v}, body: {t: {type: tally, memory: state.m, of: v}, a: {type: add, a: state.x, b: t}}, next: {m: t, x: a}}");
+  Loop loop(
+      "  v: {type: value}\n  l: {type: iterate, threshold: 0, max_iterations: 6, state: {m: none, x: v}, body: {t: {type: tally, memory: state.m, "
+      "of: v}, a: {type: add, a: state.x, b: t}}, next: {m: t, x: a}}");
   EXPECT_EQ(loop.get("l.m"), 6);
   EXPECT_EQ(loop.get("l.x"), 1 + 1 + 2 + 3 + 4 + 5 + 6);
 }
 
 TEST_F(IterateTest, StatesGoRoundTogether) {
-  Loop loop("  v: {type: value, value: 0}\n  w: {type: value, value: 1}\n  l: {type: iterate, threshold: 0, max_iterations: 10, state: {a: v, b: w}, body: {s: {type: add, a: state.a, b: state.b}}, next: {a: state.b, b: s}}");
+  Loop loop(
+      "  v: {type: value, value: 0}\n  w: {type: value, value: 1}\n  l: {type: iterate, threshold: 0, max_iterations: 10, state: {a: v, b: w}, body: "
+      "{s: {type: add, a: state.a, b: state.b}}, next: {a: state.b, b: s}}");
   EXPECT_EQ(loop.get("l.a"), 55);  // Fibonacci
   EXPECT_EQ(loop.get("l.b"), 89);
 }
 
 TEST_F(IterateTest, AStateThatIsNoNumberAnyMoreIsAnError) {
-  EXPECT_THAT(Loop("  v: {type: value, value: 10}\n  l: {type: iterate, state: {x: v}, body: {e: {type: explode, x: state.x}}, next: {x: e}}").error("l"),
-              AllOf(HasSubstr("node 'l': state 'x' is no longer a number after"), HasSubstr("rounds")));
+  EXPECT_THAT(
+      Loop("  v: {type: value, value: 10}\n  l: {type: iterate, state: {x: v}, body: {e: {type: explode, x: state.x}}, next: {x: e}}").error("l"),
+      AllOf(HasSubstr("node 'l': state 'x' is no longer a number after"), HasSubstr("rounds")));
 }
 
 TEST_F(IterateTest, AnErrorInTheBodyNamesItsNode) {
-  EXPECT_THAT(Loop(relaxing("", "      f: {type: failing, in: state.x, when: 4}\n")).error("l"), HasSubstr("t.yaml:10:7, node 'l.f': a number that fails"));
+  EXPECT_THAT(Loop(relaxing("", "      f: {type: failing, in: state.x, when: 4}\n")).error("l"),
+              HasSubstr("t.yaml:10:7, node 'l.f': a number that fails"));
 }
 
 TEST_F(IterateTest, RunsOnceWhatTheStateDoesNotReach) {
   Loop loop(relaxing("    threshold: 0\n    max_iterations: 20\n",
-                     "      once: {type: count, in: t, label: once}\n      always: {type: count, in: state.x, label: always}\n      both: {type: add, a: once, b: always}\n"));
+                     "      once: {type: count, in: t, label: once}\n      always: {type: count, in: state.x, label: always}\n      both: {type: "
+                     "add, a: once, b: always}\n"));
   loop.get("l");
   EXPECT_EQ(toys::runs_of("once"), 1);
   EXPECT_EQ(toys::runs_of("always"), 20);
 }
 
 TEST_F(IterateTest, SeesTheFrameAndItsOwnCacheKey) {
-  Loop loop("  v: {type: value, value: 0}\n  l: {type: iterate, threshold: 0, max_iterations: 3, state: {x: v}, body: {f: {type: frame}, a: {type: add, a: state.x, b: f}}, next: {x: a}}");
+  Loop loop(
+      "  v: {type: value, value: 0}\n  l: {type: iterate, threshold: 0, max_iterations: 3, state: {x: v}, body: {f: {type: frame}, a: {type: add, a: "
+      "state.x, b: f}}, next: {x: a}}");
   EXPECT_EQ(loop.get("l", 2), 6);
   EXPECT_EQ(loop.get("l", 5), 15);
   EXPECT_EQ(loop.get("l", 2), 6);
@@ -136,7 +153,9 @@ TEST_F(IterateTest, SeesTheFrameAndItsOwnCacheKey) {
 
 TEST_F(IterateTest, FollowsFilesReadInItsBody) {
   toys::world().files = {{"a", 2}};
-  Loop loop("  v: {type: value, value: 0}\n  l: {type: iterate, threshold: 0, max_iterations: 3, state: {x: v}, body: {f: {type: file}, a: {type: add, a: state.x, b: f}}, next: {x: a}}");
+  Loop loop(
+      "  v: {type: value, value: 0}\n  l: {type: iterate, threshold: 0, max_iterations: 3, state: {x: v}, body: {f: {type: file}, a: {type: add, a: "
+      "state.x, b: f}}, next: {x: a}}");
   EXPECT_EQ(loop.get("l"), 6);
   toys::world().files["a"] = 3;
   EXPECT_EQ(loop.get("l"), 9);
@@ -180,7 +199,11 @@ TEST_F(IterateTest, StopsWhenItIsCancelled) {
   EvaluatorOptions options;
   options.executor = serial_executor.get();
   options.cancelled = [&] { return ++asked > 50; };
-  Evaluator evaluator(compile(read_graph_text("knead: 1\nnodes:\n" + relaxing("    threshold: 0\n    max_iterations: 1000000\n    min_iterations: 1000000\n"), "t.yaml"), toys::options()), options);
+  Evaluator evaluator(
+      compile(
+          read_graph_text("knead: 1\nnodes:\n" + relaxing("    threshold: 0\n    max_iterations: 1000000\n    min_iterations: 1000000\n"), "t.yaml"),
+          toys::options()),
+      options);
   EXPECT_EQ(evaluator.evaluate(1, {"l"}).error->code(), ErrorCode::kCancelled);
   EXPECT_LT(asked, 60);
 }
@@ -198,7 +221,9 @@ Counted allocations_of(int rounds, Executor& executor, const std::string& more_b
 }
 
 TEST_F(IterateTest, AllocatesNothingPerRound) {
-  const std::string body = "      once: {type: add, a: t}\n      s: {type: add, a: r, b: once}\n      d: {type: device_add, in: s}\n      p: {type: spread, in: d}\n      y: {type: tally, memory: p, of: s}\n";
+  const std::string body =
+      "      once: {type: add, a: t}\n      s: {type: add, a: r, b: once}\n      d: {type: device_add, in: s}\n      p: {type: spread, in: d}\n      "
+      "y: {type: tally, memory: p, of: s}\n";
   for (int threads : {0, 1, 2}) {
     const auto executor = threads ? make_cpu_executor(threads) : make_serial_executor();
     allocations_of(3, *executor, body);

@@ -55,11 +55,12 @@ namespace toys {
 // What the toys do to the world outside the graph, and what they see of it.
 struct World {
   std::mutex mutex;
-  std::map<std::string, double> files;                   // read by `file`
-  std::vector<std::pair<int, double>> written;           // by `write`: frame and value
-  std::map<std::string, int> runs;                       // by `count`, per label
-  std::atomic<double> hidden{1};                         // read by `sly_global`, which does not say so
-  std::atomic<int> asleep{0};                            // `sleepy` nodes that have begun
+  std::map<std::string, double> files;          // read by `file`
+  std::vector<std::pair<int, double>> written;  // by `write`: frame and value
+  std::map<std::string, int> runs;              // by `count`, per label
+  std::atomic<double> hidden{1};                // read by `sly_global`, which does not say so
+  std::atomic<int> greedy{0};                   // `greedy` nodes that run
+  std::atomic<int> asleep{0};                   // `sleepy` nodes that have begun
 };
 inline World& world() {
   static World one;
@@ -88,7 +89,9 @@ inline Numbers numbers(double value, MemoryResource& memory = host_memory(), siz
   std::fill_n(made.values.data_for_write(), size, value);
   return made;
 }
-inline double first(const Numbers& n) { return n.values.host()[0]; }
+inline double first(const Numbers& n) {
+  return n.values.host()[0];
+}
 
 // { value } -> Numbers
 class ValueNode : public Node {
@@ -204,6 +207,20 @@ class Failing : public Node {
       if (how() == "memory") throw std::bad_alloc();
       throw Error(ErrorCode::kInput, "a number that fails", "use another");
     }
+    context.set(out, context.get(in));
+  }
+};
+
+// Needs all the memory there is: fails when another one runs.
+class Greedy : public Node {
+ public:
+  In<Numbers> in{this, "in", {.doc = "anything"}};
+  Out<Numbers> out{this, "out", {.doc = "the same"}};
+  void evaluate(Context& context) const override {
+    const int others = world().greedy++;
+    std::this_thread::sleep_for(std::chrono::milliseconds(3));
+    --world().greedy;
+    if (others > 0) throw std::bad_alloc();
     context.set(out, context.get(in));
   }
 };
@@ -337,7 +354,9 @@ class Spread : public Node {
     const auto from = context.get(in).values.host();
     Numbers made{Buffer<double>(from.size())};
     double* to = made.values.data_for_write();
-    context.executor().parallel_ranges(from.size(), 1, [&](size_t begin, size_t end) { std::copy(from.begin() + static_cast<long>(begin), from.begin() + static_cast<long>(end), to + begin); });
+    context.executor().parallel_ranges(from.size(), 1, [&](size_t begin, size_t end) {
+      std::copy(from.begin() + static_cast<long>(begin), from.begin() + static_cast<long>(end), to + begin);
+    });
     context.set(out, std::move(made));
   }
 };
@@ -372,6 +391,7 @@ inline const Registry& registry() {
     put<FileNode>(r, "file");
     put<WriteNode>(r, "write");
     put<Failing>(r, "failing");
+    put<Greedy>(r, "greedy");
     put<Sleepy>(r, "sleepy");
     put<Warns>(r, "warns");
     put<Shares>(r, "shares");
@@ -408,7 +428,9 @@ class FakeExecutor : public Executor {
   const char* name() const override { return "fake"; }
   Device device() const override { return {DeviceKind::kFake, 0}; }
   MemoryResource& memory() override { return memory_; }
-  void parallel_ranges(size_t, size_t, FunctionRef<void(size_t, size_t)>) override { throw Error(ErrorCode::kDevice, "host loops do not run on a device"); }
+  void parallel_ranges(size_t, size_t, FunctionRef<void(size_t, size_t)>) override {
+    throw Error(ErrorCode::kDevice, "host loops do not run on a device");
+  }
   void run_graph(const std::vector<std::vector<int>>&, const std::vector<int>&, FunctionRef<void(int)>) override {
     throw Error(ErrorCode::kDevice, "the host schedules");
   }

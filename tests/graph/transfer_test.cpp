@@ -10,7 +10,9 @@ namespace transfer_test {
 
 using toys::FakeExecutor;
 
-std::shared_ptr<const Plan> plan_of(const std::string& nodes) { return compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options()); }
+std::shared_ptr<const Plan> plan_of(const std::string& nodes) {
+  return compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options());
+}
 
 struct OnFake {
   explicit OnFake(const std::string& nodes) : evaluator(plan_of(nodes), options()) {}
@@ -35,7 +37,8 @@ TEST(Transfer, BringsInputsToTheDeviceAndResultsBack) {
 }
 
 TEST(Transfer, LeavesOnTheDeviceWhatIsReadThere) {
-  OnFake on("  v: {type: value}\n  d: {type: device_add, in: v}\n  e: {type: device_add, in: d}\n  f: {type: device_add, in: e}\n  a: {type: add, a: f}");
+  OnFake on(
+      "  v: {type: value}\n  d: {type: device_add, in: v}\n  e: {type: device_add, in: d}\n  f: {type: device_add, in: e}\n  a: {type: add, a: f}");
   EXPECT_EQ(on.get("a"), 4);
   EXPECT_EQ(on.evaluator.figures().transfers, 2u);
 }
@@ -56,7 +59,9 @@ TEST(Transfer, MovesAValueOnceForAllItsReaders) {
 }
 
 TEST(Transfer, MovesWhatFramesShareOnce) {
-  OnFake on("  v: {type: value}\n  d: {type: device_add, in: v}\n  f: {type: frame}\n  a: {type: add, a: d, b: f}\n  b: {type: device_add, in: v, offset: 2}");
+  OnFake on(
+      "  v: {type: value}\n  d: {type: device_add, in: v}\n  f: {type: frame}\n  a: {type: add, a: d, b: f}\n  b: {type: device_add, in: v, offset: "
+      "2}");
   int frames = 0;
   on.evaluator.evaluate_frames({1, 2, 3, 4, 5, 6, 7, 8}, {"a", "b"}, false, [&](const FrameResult& result) {
     ++frames;
@@ -86,15 +91,17 @@ TEST(Transfer, MovesNothingInsideALoopOnTheDevice) {
 }
 
 TEST(Transfer, ALoopWithAHostNodeRunsOnTheHost) {
-  OnFake on("  v: {type: value, value: 0}\n  l: {type: iterate, max_iterations: 3, state: {x: v}, body: {d: {type: device_add, in: state.x}, a: {type: add, a: d}}, next: {x: a}}");
+  OnFake on(
+      "  v: {type: value, value: 0}\n  l: {type: iterate, max_iterations: 3, state: {x: v}, body: {d: {type: device_add, in: state.x}, a: {type: "
+      "add, a: d}}, next: {x: a}}");
   EXPECT_EQ(on.get("l"), 3);
   EXPECT_EQ(on.evaluator.figures().transfers, 0u);
 }
 
 TEST(Transfer, ResultsOfDifferentDevicesAreKeptApart) {
+  FakeExecutor fake;  // first: it owns the memory of values in the cache
   const auto cache = std::make_shared<Cache>();
   const auto plan = plan_of("  v: {type: value}\n  d: {type: device_add, in: v}");
-  FakeExecutor fake;
   EvaluatorOptions there, here;
   there.cache = here.cache = cache;
   there.executor = &fake;
