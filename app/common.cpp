@@ -21,7 +21,9 @@ void place_under_out(const GraphSpec& spec, const std::string& out, const std::s
     if (one.name == node && one.type.starts_with("write_")) value.value = (std::filesystem::path(out) / *path).string();
 }
 
-bool is_report(const OutputDeclaration& output) { return output.type && same_type(*output.type, port_type<Report>()); }
+bool is_report(const OutputDeclaration& output) {
+  return output.type && same_type(*output.type, port_type<Report>());
+}
 
 std::pair<std::string, Literal> parse_set(const std::string& text) {
   const size_t equals = text.find('=');
@@ -79,7 +81,8 @@ std::shared_ptr<const Plan> load_plan(const GraphArguments& arguments) {
 
 std::vector<ExecutorChoice> executor_choices() {
   const int threads = make_cpu_executor()->threads();
-  return {{"cuda", "not in this build", false}, {"cpu", fmt::format("{} threads", threads), true}, {"serial", "one thread, for finding faults", true}};
+  return {
+      {"cuda", "not in this build", false}, {"cpu", fmt::format("{} threads", threads), true}, {"serial", "one thread, for finding faults", true}};
 }
 
 std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments) {

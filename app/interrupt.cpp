@@ -9,7 +9,9 @@ namespace {
 std::atomic<bool> asked{false};
 static_assert(std::atomic<bool>::is_always_lock_free);
 
-void ask(int) { asked.store(true, std::memory_order_relaxed); }
+void ask(int) {
+  asked.store(true, std::memory_order_relaxed);
+}
 
 }  // namespace
 
@@ -26,6 +28,8 @@ void catch_interrupts() {
   std::signal(SIGPIPE, SIG_IGN);
 }
 
-bool interrupted() { return asked.load(std::memory_order_relaxed); }
+bool interrupted() {
+  return asked.load(std::memory_order_relaxed);
+}
 
 }  // namespace knead::app

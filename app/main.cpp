@@ -25,8 +25,12 @@ void add_graph(CLI::App& command, GraphArguments& arguments) {
 }
 
 void add_device(CLI::App& command, DeviceArguments& arguments) {
-  command.add_option("--device", arguments.device, "auto, serial, cpu or cuda")->check(CLI::IsMember({"auto", "serial", "cpu", "cuda"}))->capture_default_str();
-  command.add_option("--threads", arguments.threads, "threads of the cpu executor; 0: as many as there are")->check(CLI::Range(0, 1024))->capture_default_str();
+  command.add_option("--device", arguments.device, "auto, serial, cpu or cuda")
+      ->check(CLI::IsMember({"auto", "serial", "cpu", "cuda"}))
+      ->capture_default_str();
+  command.add_option("--threads", arguments.threads, "threads of the cpu executor; 0: as many as there are")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
 }
 
 struct Arguments {

@@ -43,9 +43,13 @@ Progress::Progress(size_t frames, bool quiet)
   if (live_) draw_line();
 }
 
-Progress::~Progress() { end_line(); }
+Progress::~Progress() {
+  end_line();
+}
 
-double Progress::seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+double Progress::seconds() const {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+}
 
 void Progress::frame_done(const FrameResult& result) {
   ++done_;

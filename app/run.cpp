@@ -123,8 +123,8 @@ int run(const RunArguments& arguments) {
   make_out_folder(arguments.graph.out);
   StatsFile stats(stats_path(arguments), arguments.resume);
   if (!arguments.quiet)
-    fmt::print("{}: {} frame{} on {}, {} thread{}\n", arguments.graph.graph, frames.size(), frames.size() == 1 ? "" : "s", executor->name(), executor->threads(),
-               executor->threads() == 1 ? "" : "s");
+    fmt::print("{}: {} frame{} on {}, {} thread{}\n", arguments.graph.graph, frames.size(), frames.size() == 1 ? "" : "s", executor->name(),
+               executor->threads(), executor->threads() == 1 ? "" : "s");
 
   Counts counts;
   std::vector<int> to_do;
@@ -152,7 +152,8 @@ int run(const RunArguments& arguments) {
   progress.end_line();
   if (!arguments.quiet) print_summary(arguments, evaluator, counts, progress.seconds(), stats.path());
   if (interrupted() && counts.good + counts.failed + counts.skipped < frames.size()) {
-    spdlog::error("interrupted: {} of {} frames are complete; the same command with --resume goes on from here", counts.good + counts.skipped, frames.size());
+    spdlog::error("interrupted: {} of {} frames are complete; the same command with --resume goes on from here", counts.good + counts.skipped,
+                  frames.size());
     return kInterrupted;
   }
   if (arguments.sheet)

@@ -17,7 +17,8 @@ int show_nodes(const std::string& name, bool schema, bool markdown) {
     fmt::print("{}", manual_page(*type));
   } else {
     const std::string near = nearest_name(name, registry.names());
-    throw UsageError(fmt::format("there is no node type '{}'{}", name, near.empty() ? "; `knead nodes` lists them" : "; did you mean '" + near + "'?"));
+    throw UsageError(
+        fmt::format("there is no node type '{}'{}", name, near.empty() ? "; `knead nodes` lists them" : "; did you mean '" + near + "'?"));
   }
   return kGood;
 }

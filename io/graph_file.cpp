@@ -24,10 +24,18 @@ constexpr int kMostDepth = 100;
 constexpr size_t kMostLiterals = 1000000;
 constexpr size_t kMostBytes = size_t{64} << 20;
 
-bool all_of(std::string_view text, bool (*is)(char)) { return !text.empty() && std::all_of(text.begin(), text.end(), is); }
-bool is_digit(char c) { return c >= '0' && c <= '9'; }
-bool is_octal(char c) { return c >= '0' && c <= '7'; }
-bool is_hexadecimal(char c) { return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F'); }
+bool all_of(std::string_view text, bool (*is)(char)) {
+  return !text.empty() && std::all_of(text.begin(), text.end(), is);
+}
+bool is_digit(char c) {
+  return c >= '0' && c <= '9';
+}
+bool is_octal(char c) {
+  return c >= '0' && c <= '7';
+}
+bool is_hexadecimal(char c) {
+  return is_digit(c) || (c >= 'a' && c <= 'f') || (c >= 'A' && c <= 'F');
+}
 
 Literal integer(std::string_view digits, int base, bool negative, const std::string& text) {
   int64_t value = 0;
@@ -61,7 +69,8 @@ Literal plain_scalar(const std::string& text) {
   if (text.empty() || text == "~" || text == "null" || text == "Null" || text == "NULL") return {};
   if (text == "true" || text == "True" || text == "TRUE") return true;
   if (text == "false" || text == "False" || text == "FALSE") return false;
-  if (text.starts_with("0x") && all_of(std::string_view(text).substr(2), is_hexadecimal)) return integer(std::string_view(text).substr(2), 16, false, text);
+  if (text.starts_with("0x") && all_of(std::string_view(text).substr(2), is_hexadecimal))
+    return integer(std::string_view(text).substr(2), 16, false, text);
   if (text.starts_with("0o") && all_of(std::string_view(text).substr(2), is_octal)) return integer(std::string_view(text).substr(2), 8, false, text);
   const bool negative = text[0] == '-';
   const std::string_view unsigned_text = std::string_view(text).substr(negative || text[0] == '+' ? 1 : 0);
@@ -74,7 +83,8 @@ Literal plain_scalar(const std::string& text) {
     std::string digits(unsigned_text);
     if (digits[0] == '.') digits.insert(0, "0");
     const auto [end, failed] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
-    if (failed == std::errc::result_out_of_range) value = digits.find("e-") == std::string::npos && digits.find("E-") == std::string::npos ? kInfinity : 0;
+    if (failed == std::errc::result_out_of_range)
+      value = digits.find("e-") == std::string::npos && digits.find("E-") == std::string::npos ? kInfinity : 0;
     return negative ? -value : value;
   }
   return text;
@@ -295,7 +305,8 @@ Literal parse_yaml(const std::string& text, const std::string& file) {
     TreeBuilder another(text, file);
     if (parser.HandleNextDocument(another)) {
       const Literal extra = another.result();
-      throw GraphErrors({Error(ErrorCode::kGraph, Where{file, extra.line, extra.column, {}, {}}, "a second document begins here", "one file holds one graph")});
+      throw GraphErrors(
+          {Error(ErrorCode::kGraph, Where{file, extra.line, extra.column, {}, {}}, "a second document begins here", "one file holds one graph")});
     }
     return tree;
   } catch (const YAML::Exception& error) {
@@ -310,7 +321,9 @@ GraphSpec read_graph_text(const std::string& text, const std::string& file, cons
   return spec;
 }
 
-GraphSpec read_graph_file(const std::string& path, const std::string& out) { return read_graph_text(read_text(path), path, out); }
+GraphSpec read_graph_file(const std::string& path, const std::string& out) {
+  return read_graph_text(read_text(path), path, out);
+}
 
 CompileOptions graph_file_options(const std::string& out) {
   CompileOptions options;

@@ -2,8 +2,8 @@
 
 #include <embree3/rtcore_config.h>
 #include <fmt/core.h>
-#include <openvdb/version.h>
 #include <oneapi/tbb/version.h>
+#include <openvdb/version.h>
 #include <png.h>
 
 #include <nlohmann/json.hpp>

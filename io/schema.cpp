@@ -55,7 +55,12 @@ Json reference_schema(const std::string& description, bool many) {
 
 Entry input_entry(const std::string& name, const std::string& type, bool optional, bool many, const std::string& unit, const std::string& doc) {
   Entry entry{name, type, many ? "many" : optional ? "optional" : "", doc, unit, {}, !optional};
-  entry.schema = reference_schema(fmt::format("{}{}: {}{}", type, many ? ", one or a list" : optional ? ", optional" : "", doc, unit.empty() ? "" : " [" + unit + "]"), many);
+  entry.schema = reference_schema(fmt::format("{}{}: {}{}", type,
+                                              many       ? ", one or a list"
+                                              : optional ? ", optional"
+                                                         : "",
+                                              doc, unit.empty() ? "" : " [" + unit + "]"),
+                                  many);
   return entry;
 }
 
@@ -95,12 +100,16 @@ Json or_parameter(Json schema) {
 
 Declaration declaration_of_group(const GraphSpec& group) {
   Declaration all;
-  for (const GroupInputSpec& input : group.inputs) all.inputs.push_back(input_entry(input.name, input.type, input.optional, input.many, "", input.doc));
+  for (const GroupInputSpec& input : group.inputs)
+    all.inputs.push_back(input_entry(input.name, input.type, input.optional, input.many, "", input.doc));
   for (const GroupParameterSpec& parameter : group.parameters) {
     Json schema = {{"description", parameter.doc}, {"default", json_of(parameter.value)}};
-    if (parameter.value.as_bool()) schema["type"] = "boolean";
-    else if (parameter.value.is_number()) schema["type"] = "number";
-    else if (parameter.value.as_string()) schema["type"] = "string";
+    if (parameter.value.as_bool())
+      schema["type"] = "boolean";
+    else if (parameter.value.is_number())
+      schema["type"] = "number";
+    else if (parameter.value.as_string())
+      schema["type"] = "string";
     all.params.push_back({parameter.name, "", "default " + parameter.value.text(), parameter.doc, "", or_parameter(std::move(schema)), false});
   }
   for (const auto& [name, reference] : group.outputs) all.outputs.push_back({name, "", "", "", "", {}, false});
@@ -180,7 +189,8 @@ void append_entries(std::string& page, const char* heading, const std::vector<En
 
 std::string joined(const std::vector<Entry>& entries) {
   std::string all;
-  for (const Entry& entry : entries) all += fmt::format("{}`{}`{}", all.empty() ? "" : ", ", entry.name, entry.kind == "many" ? "..." : entry.kind == "optional" ? "?" : "");
+  for (const Entry& entry : entries)
+    all += fmt::format("{}`{}`{}", all.empty() ? "" : ", ", entry.name, entry.kind == "many" ? "..." : entry.kind == "optional" ? "?" : "");
   return all;
 }
 
@@ -191,7 +201,8 @@ std::string graph_schema(const Registry& registry) {
   for (const std::string& name : registry.names()) {
     names.push_back(name);
     definitions["node_" + name] = node_schema(*registry.find(name));
-    choices.push_back({{"if", {{"properties", {{"type", {{"const", name}}}}}, {"required", Json::array({"type"})}}}, {"then", {{"$ref", "#/definitions/node_" + name}}}});
+    choices.push_back({{"if", {{"properties", {{"type", {{"const", name}}}}}, {"required", Json::array({"type"})}}},
+                       {"then", {{"$ref", "#/definitions/node_" + name}}}});
   }
   definitions["node"] = {{"type", "object"},
                          {"required", Json::array({"type"})},
@@ -200,12 +211,14 @@ std::string graph_schema(const Registry& registry) {
   definitions["nodes"] = {{"type", "object"},
                           {"propertyNames", {{"pattern", "^[A-Za-z_][A-Za-z0-9_]*$"}, {"not", {{"enum", {"state", "inputs", "none"}}}}}},
                           {"additionalProperties", {{"$ref", "#/definitions/node"}}}};
-  const Json input = {{"anyOf",
-                       {{{"type", "string"}},
-                        {{"type", "object"},
-                         {"required", Json::array({"type"})},
-                         {"properties", {{"type", {{"type", "string"}}}, {"optional", {{"type", "boolean"}}}, {"many", {{"type", "boolean"}}}, {"doc", {{"type", "string"}}}}},
-                         {"additionalProperties", false}}}}};
+  const Json input = {
+      {"anyOf",
+       {{{"type", "string"}},
+        {{"type", "object"},
+         {"required", Json::array({"type"})},
+         {"properties",
+          {{"type", {{"type", "string"}}}, {"optional", {{"type", "boolean"}}}, {"many", {{"type", "boolean"}}}, {"doc", {{"type", "string"}}}}},
+         {"additionalProperties", false}}}}};
   const Json schema = {
       {"$schema", "http://json-schema.org/draft-07/schema#"},
       {"title", "Knead graph"},

@@ -27,7 +27,9 @@ Json json_of(double value) {
   return value;
 }
 
-std::string node_of(const std::string& reference) { return reference.substr(0, reference.rfind('.')); }
+std::string node_of(const std::string& reference) {
+  return reference.substr(0, reference.rfind('.'));
+}
 
 void merge_reports(Json& line, const FrameResult& result, const std::vector<ReportOutput>& outputs) {
   struct Givers {
@@ -55,10 +57,13 @@ void merge_reports(Json& line, const FrameResult& result, const std::vector<Repo
     }
 }
 
-std::string line_of(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+std::string line_of(const Json& json) {
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
 
 [[noreturn]] void fail(const std::string& path, const char* doing, int error) {
-  throw Error(ErrorCode::kFile, in_file(path), std::string("the figures cannot be ") + doing + ": " + std::strerror(error), "name another file with --stats");
+  throw Error(ErrorCode::kFile, in_file(path), std::string("the figures cannot be ") + doing + ": " + std::strerror(error),
+              "name another file with --stats");
 }
 
 }  // namespace
@@ -70,7 +75,8 @@ WrittenFile written_file(const std::string& path) {
   return {path, failed ? 0 : static_cast<uint64_t>(bytes), hash};
 }
 
-std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key, const std::vector<WrittenFile>& files) {
+std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key,
+                       const std::vector<WrittenFile>& files) {
   Json line;
   line["frame"] = result.frame;
   line["ok"] = !result.error.has_value();
@@ -92,7 +98,8 @@ std::string stats_line(const FrameResult& result, const std::vector<ReportOutput
 
 bool read_stats_line(const std::string& line, FrameRecord& record) {
   const Json json = Json::parse(line, nullptr, false);
-  if (!json.is_object() || !json.contains("frame") || !json["frame"].is_number_integer() || !json.contains("ok") || !json["ok"].is_boolean()) return false;
+  if (!json.is_object() || !json.contains("frame") || !json["frame"].is_number_integer() || !json.contains("ok") || !json["ok"].is_boolean())
+    return false;
   record = {};
   record.frame = json["frame"].get<int>();
   record.ok = json["ok"].get<bool>();

@@ -1,6 +1,7 @@
 // stats.jsonl: a line of JSON for every frame, in the order of the frames, and what --resume needs to know about it.
 //
-//   {"frame": 12, "ok": true, "seconds": 0.043, "iterations": 118, "ended": "at rest", ..., "times": {"press": 0.04, ...}, "warnings": [], "key": "...",
+//   {"frame": 12, "ok": true, "seconds": 0.043, "iterations": 118, "ended": "at rest", ..., "times": {"press": 0.04, ...}, "warnings": [], "key":
+//   "...",
 //    "files": [{"path": "out/head.0012.obj", "bytes": 180211, "hash": "..."}]}
 #pragma once
 #include <cstdint>
@@ -30,14 +31,15 @@ struct FrameRecord {
 };
 
 struct ReportOutput {
-  std::string reference;   // "figures.report"
+  std::string reference;    // "figures.report"
   bool is_summary = false;  // of a measure node
 };
 
-// The line of a frame, without its end of line. The figures of the Reports among `result.values` that `reports` names are merged in that order. A name that
-// several nodes give is written as NODE.NAME, but plain for the one summary among them. What is not a finite number becomes null. Times are those of nodes
-// that really ran.
-std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key, const std::vector<WrittenFile>& files);
+// The line of a frame, without its end of line. The figures of the Reports among `result.values` that `reports` names are merged in that order. A
+// name that several nodes give is written as NODE.NAME, but plain for the one summary among them. What is not a finite number becomes null. Times are
+// those of nodes that really ran.
+std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key,
+                       const std::vector<WrittenFile>& files);
 
 // False when the line is none of ours or is not whole.
 bool read_stats_line(const std::string& line, FrameRecord& record);

@@ -10,7 +10,9 @@ namespace knead {
 namespace {
 
 #ifdef KNEAD_VDB_IS_LINKED
-const VdbFunctions& vdb() { return *knead_vdb_functions(); }
+const VdbFunctions& vdb() {
+  return *knead_vdb_functions();
+}
 #else
 [[noreturn]] void fail() {
   const char* reason = ::dlerror();
@@ -38,11 +40,17 @@ const VdbFunctions& vdb() {
 
 }  // namespace
 
-Sdf build_sdf(Executor& executor, const SdfPlan& plan, DistanceAt distance) { return vdb().build_sdf(executor, plan, distance); }
-uint64_t estimate_sdf_bytes(Executor& executor, const SdfPlan& plan, DistanceAt distance) { return vdb().estimate_sdf_bytes(executor, plan, distance); }
+Sdf build_sdf(Executor& executor, const SdfPlan& plan, DistanceAt distance) {
+  return vdb().build_sdf(executor, plan, distance);
+}
+uint64_t estimate_sdf_bytes(Executor& executor, const SdfPlan& plan, DistanceAt distance) {
+  return vdb().estimate_sdf_bytes(executor, plan, distance);
+}
 ReadSdf read_sdf(const std::string& path, const std::string& name, Executor& executor, uint64_t memory_limit) {
   return vdb().read_sdf(path, name, executor, memory_limit);
 }
-void write_sdf(const std::string& path, const Sdf& sdf, const std::string& name) { vdb().write_sdf(path, sdf, name); }
+void write_sdf(const std::string& path, const Sdf& sdf, const std::string& name) {
+  vdb().write_sdf(path, sdf, name);
+}
 
 }  // namespace knead

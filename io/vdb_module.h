@@ -1,5 +1,5 @@
-// Internal. OpenVDB's library takes 40 ms to load, longer than many a run takes, so what needs it stands in a module, libknead_vdb, that is loaded when a
-// function of io/vdb.h is first called. In a static build it is linked like the rest.
+// Internal. OpenVDB's library takes 40 ms to load, longer than many a run takes, so what needs it stands in a module, libknead_vdb, that is loaded
+// when a function of io/vdb.h is first called. In a static build it is linked like the rest.
 #pragma once
 #include "io/vdb.h"
 

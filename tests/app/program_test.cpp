@@ -41,7 +41,8 @@ class Program : public testing::Test {
  protected:
   void SetUp() override {
     if (!fs::exists(kProgram)) GTEST_SKIP() << "built without the program";
-    folder_ = fs::temp_directory_path() / ("knead_program_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) + std::to_string(::getpid()));
+    folder_ = fs::temp_directory_path() /
+              ("knead_program_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) + std::to_string(::getpid()));
     fs::remove_all(folder_);
     fs::create_directories(folder_);
   }
@@ -104,7 +105,9 @@ class Gap : public Program {
  protected:
   fs::path graph() const {
     for (const int frame : {1, 3}) put("in." + std::to_string(frame) + ".obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-    return put("gap.yaml", "knead: 1\nframes: 1-3\nnodes:\n  read: {type: read_mesh, path: in.#.obj}\n  save: {type: write_mesh, surface: read, path: o.#.obj}\n");
+    return put(
+        "gap.yaml",
+        "knead: 1\nframes: 1-3\nnodes:\n  read: {type: read_mesh, path: in.#.obj}\n  save: {type: write_mesh, surface: read, path: o.#.obj}\n");
   }
 };
 
@@ -135,7 +138,8 @@ TEST_F(Program, PutsRelativeOutputsUnderOut) {
 TEST_F(Program, ReadsRelativeInputsFromTheGraphsFolder) {
   fs::create_directories(folder_ / "scene");
   put("scene/m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-  put("scene/g.json", R"({"knead": 1, "nodes": {"a": {"type": "read_mesh", "path": "m.obj"}, "b": {"type": "write_mesh", "surface": "a", "path": "copy.obj"}}})");
+  put("scene/g.json",
+      R"({"knead": 1, "nodes": {"a": {"type": "read_mesh", "path": "m.obj"}, "b": {"type": "write_mesh", "surface": "a", "path": "copy.obj"}}})");
   const Ended ended = knead({"run", "scene/g.json"});
   EXPECT_EQ(ended.status, 0) << ended.err;
   EXPECT_TRUE(fs::exists(folder_ / "copy.obj"));
@@ -143,12 +147,15 @@ TEST_F(Program, ReadsRelativeInputsFromTheGraphsFolder) {
 
 TEST_F(Program, GivesTheSameBytesOnEveryExecutor) {
   put("g.yaml", kMoving);
-  for (const std::vector<std::string>& device : {std::vector<std::string>{"--device", "serial"}, {"--device", "cpu", "--threads", "1"}, {"--threads", "3"}})
+  for (const std::vector<std::string>& device :
+       {std::vector<std::string>{"--device", "serial"}, {"--device", "cpu", "--threads", "1"}, {"--threads", "3"}})
     ASSERT_EQ(knead([&] {
                 std::vector<std::string> words{"run", "g.yaml", "-q", "--out", device.back()};
                 words.insert(words.end(), device.begin(), device.end());
                 return words;
-              }()).status, 0);
+              }())
+                  .status,
+              0);
   for (const char* file : {"out/ball.0001.obj", "out/ball.0003.obj"}) {
     EXPECT_EQ(text_of(folder_ / "serial" / file), text_of(folder_ / "1" / file));
     EXPECT_EQ(text_of(folder_ / "serial" / file), text_of(folder_ / "3" / file));
@@ -162,12 +169,14 @@ TEST_F(Program, IsSilentWhenQuiet) {
 }
 
 TEST_F(Program, NamesAllErrorsOfAGraphWithTheirPlaces) {
-  put("bad.yaml", "knead: 1\nnodes:\n  a: {type: primitiv}\n  b: {type: primitive, shape: cubee, radius: -1, sise: 2}\n  c: {type: write_mesh, surface: d, path: x.obj}\n");
+  put("bad.yaml",
+      "knead: 1\nnodes:\n  a: {type: primitiv}\n  b: {type: primitive, shape: cubee, radius: -1, sise: 2}\n  c: {type: write_mesh, surface: d, path: "
+      "x.obj}\n");
   for (const char* command : {"check", "run", "graph"}) {
     const Ended ended = knead({command, "bad.yaml"});
     EXPECT_EQ(ended.status, 1);
-    EXPECT_THAT(ended.err, AllOf(HasSubstr("bad.yaml:3:3, node 'a': unknown node type 'primitiv' (did you mean 'primitive'?)"), HasSubstr("bad.yaml:4:31"),
-                                 HasSubstr("bad.yaml:4:46"), HasSubstr("bad.yaml:4:50"), HasSubstr("bad.yaml:5:34")))
+    EXPECT_THAT(ended.err, AllOf(HasSubstr("bad.yaml:3:3, node 'a': unknown node type 'primitiv' (did you mean 'primitive'?)"),
+                                 HasSubstr("bad.yaml:4:31"), HasSubstr("bad.yaml:4:46"), HasSubstr("bad.yaml:4:50"), HasSubstr("bad.yaml:5:34")))
         << command;
     EXPECT_EQ(std::count(ended.err.begin(), ended.err.end(), '\n'), 5) << ended.err;
   }
@@ -196,10 +205,19 @@ TEST_F(Program, PraisesAGoodGraphAndWarnsOfUnusedNodes) {
 
 TEST_F(Program, EndsWithThreeForUsage) {
   put("g.yaml", kMoving);
-  const std::vector<std::vector<std::string>> wrong = {
-      {}, {"fly"}, {"run"}, {"run", "g.yaml", "--bogus"}, {"run", "g.yaml", "--device", "tpu"}, {"run", "g.yaml", "--device", "cuda"}, {"run", "g.yaml", "--frames", "x"},
-      {"run", "g.yaml", "--frames", "5-1"}, {"run", "g.yaml", "--set", "ball"}, {"run", "g.yaml", "--set", "ball=1"}, {"run", "g.yaml", "--set", "ball.radius={"},
-      {"run", "g.yaml", "--threads", "many"}, {"nodes", "primitiv"}};
+  const std::vector<std::vector<std::string>> wrong = {{},
+                                                       {"fly"},
+                                                       {"run"},
+                                                       {"run", "g.yaml", "--bogus"},
+                                                       {"run", "g.yaml", "--device", "tpu"},
+                                                       {"run", "g.yaml", "--device", "cuda"},
+                                                       {"run", "g.yaml", "--frames", "x"},
+                                                       {"run", "g.yaml", "--frames", "5-1"},
+                                                       {"run", "g.yaml", "--set", "ball"},
+                                                       {"run", "g.yaml", "--set", "ball=1"},
+                                                       {"run", "g.yaml", "--set", "ball.radius={"},
+                                                       {"run", "g.yaml", "--threads", "many"},
+                                                       {"nodes", "primitiv"}};
   for (const auto& words : wrong) {
     const Ended ended = knead(words);
     EXPECT_EQ(ended.status, 3) << testing::PrintToString(words) << ended.out << ended.err;
@@ -270,7 +288,8 @@ TEST_F(Program, EndsCleanlyWhenInterrupted) {
   text.replace(text.find("1-4"), 3, "1-100000");
   for (const int signal : {SIGINT, SIGTERM}) {
     const pid_t child = start({"run", put("g.yaml", text), "--stats", "s.jsonl"});
-    for (int i = 0; i < 2000 && (!fs::exists(folder_ / "out") || files_in("out").size() < 3); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    for (int i = 0; i < 2000 && (!fs::exists(folder_ / "out") || files_in("out").size() < 3); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
     ::kill(child, signal);
     const Ended ended = wait_for(child);
     EXPECT_EQ(ended.status, 130) << ended.err;
@@ -321,7 +340,8 @@ nodes:
   ball: {type: primitive, shape: sphere, resolution: 1}
   move: {type: transform, mesh: ball, keys: {1: {translate: [0, 0, 0]}, 3: {translate: [0, 0, 1]}}}
   save: {type: write_picture, surface: move, path: out/p.####.png, width: 32, height: 24, samples: 1}
-)"), "--sheet"});
+)"),
+                             "--sheet"});
   EXPECT_EQ(ended.status, 0) << ended.err;
   EXPECT_TRUE(fs::exists(folder_ / "out/p_sheet.png"));
   EXPECT_THAT(ended.out, HasSubstr("p_sheet.png"));
@@ -347,7 +367,8 @@ TEST_F(Program, ShowsTheManual) {
 TEST_F(Program, TellsWhatItIs) {
   const Ended ended = knead({"info"});
   EXPECT_EQ(ended.status, 0);
-  EXPECT_THAT(ended.out, AllOf(HasSubstr("knead 0."), HasSubstr("serial"), HasSubstr("cpu"), HasSubstr("cuda"), HasSubstr("OpenVDB"), HasSubstr("SIMD")));
+  EXPECT_THAT(ended.out,
+              AllOf(HasSubstr("knead 0."), HasSubstr("serial"), HasSubstr("cpu"), HasSubstr("cuda"), HasSubstr("OpenVDB"), HasSubstr("SIMD")));
   EXPECT_EQ(knead({"--version"}).status, 0);
   EXPECT_EQ(knead({"--help"}).status, 0);
   EXPECT_EQ(knead({"run", "--help"}).status, 0);

@@ -17,7 +17,9 @@ GraphSpec chain(int nodes) {
   return graph;
 }
 
-std::string last(int nodes) { return "n" + std::to_string(nodes - 2); }
+std::string last(int nodes) {
+  return "n" + std::to_string(nodes - 2);
+}
 
 void compile_graph(benchmark::State& state) {
   const int nodes = static_cast<int>(state.range(0));

@@ -23,9 +23,13 @@ std::string errors_of(const std::string& text) {
   }
 }
 
-Literal value_of(const std::string& scalar) { return *parse_yaml("v: " + scalar, "t.yaml").find("v"); }
+Literal value_of(const std::string& scalar) {
+  return *parse_yaml("v: " + scalar, "t.yaml").find("v");
+}
 
-std::string tree_of(const std::string& text) { return parse_yaml(text, "t.yaml").text(); }
+std::string tree_of(const std::string& text) {
+  return parse_yaml(text, "t.yaml").text();
+}
 
 TEST(GraphFile, ReadsScalarsByTheCoreSchema) {
   EXPECT_TRUE(value_of("").is_null());
@@ -40,15 +44,22 @@ TEST(GraphFile, ReadsScalarsByTheCoreSchema) {
   EXPECT_EQ(*value_of("0x1F").as_int(), 31);
   EXPECT_EQ(*value_of("0o17").as_int(), 15);
   EXPECT_EQ(value_of("99999999999999999999").number(), 1e20);
-  for (const auto& [text, number] : {std::pair<const char*, double>{"1e-4", 1e-4}, {"1.", 1}, {".5", 0.5}, {"-.5", -0.5}, {"+0.25E2", 25}, {"1e400", INFINITY},
-                                     {"1e-400", 0}, {"-.inf", -INFINITY}})
+  for (const auto& [text, number] : {std::pair<const char*, double>{"1e-4", 1e-4},
+                                     {"1.", 1},
+                                     {".5", 0.5},
+                                     {"-.5", -0.5},
+                                     {"+0.25E2", 25},
+                                     {"1e400", INFINITY},
+                                     {"1e-400", 0},
+                                     {"-.inf", -INFINITY}})
     EXPECT_EQ(std::get<double>(value_of(text).value), number) << text;
   EXPECT_TRUE(std::isnan(value_of(".nan").number()));
 }
 
 TEST(GraphFile, KeepsTextsThatOnlyLookLikeSomethingElse) {
-  for (const char* text : {"none", "1-48", "yes", "on", "1e", "e5", ".", "-", "+", "1.2.3", "0x", "0xg", "1_000", "nan", "inf", "12:30:00", "2020-01-01", "-0x10"})
-    EXPECT_EQ(value_of(std::string(text)== "-" ? "'-'" : text).text(), "\"" + std::string(text) + "\"") << text;
+  for (const char* text :
+       {"none", "1-48", "yes", "on", "1e", "e5", ".", "-", "+", "1.2.3", "0x", "0xg", "1_000", "nan", "inf", "12:30:00", "2020-01-01", "-0x10"})
+    EXPECT_EQ(value_of(std::string(text) == "-" ? "'-'" : text).text(), "\"" + std::string(text) + "\"") << text;
   for (const char* text : {"'12'", "\"true\"", "'~'", "!!str 12"}) EXPECT_TRUE(value_of(text).as_string()) << text;
 }
 
@@ -141,7 +152,8 @@ TEST(GraphFile, RefusesDeepTrees) {
 
 TEST(GraphFile, SurvivesMangledTexts) {
   const std::string good =
-      "knead: 1\nframes: 1-48\nnodes:\n  a: &x {type: t, list: [1, 'two', \"three\"], k: {1: [0, 0, 2]}}\n  b: {<<: *x, path: out/h.####.obj}\n  c: |\n    text\n";
+      "knead: 1\nframes: 1-48\nnodes:\n  a: &x {type: t, list: [1, 'two', \"three\"], k: {1: [0, 0, 2]}}\n  b: {<<: *x, path: out/h.####.obj}\n  c: "
+      "|\n    text\n";
   std::mt19937 random(7);
   int refused = 0;
   for (int round = 0; round < 2000; ++round) {

@@ -98,7 +98,8 @@ TEST(Schema, ResolvesAllItsReferences) {
 TEST(ManualPage, TellsEverythingThatIsDeclared) {
   const Registry registry = toys();
   const std::string page = manual_page(*registry.find("toy"));
-  for (const char* text : {"toy\n", "Second paragraph.", "value ", "Scalar [apples]", "what to double", "Scalar, optional", "Scalar, many", "default 2, 0 to 9 [times]", "one of: soft hard", "result"})
+  for (const char* text : {"toy\n", "Second paragraph.", "value ", "Scalar [apples]", "what to double", "Scalar, optional", "Scalar, many",
+                           "default 2, 0 to 9 [times]", "one of: soft hard", "result"})
     EXPECT_THAT(page, HasSubstr(text));
   EXPECT_THAT(manual_page(*registry.find("pair")), HasSubstr("default 3"));
 }

@@ -144,7 +144,8 @@ TEST_F(Stats, TakesNoLineThatIsBrokenOrForeign) {
   FrameRecord record;
   const std::string whole = line(3);
   for (size_t n = 0; n < whole.size(); ++n) EXPECT_FALSE(read_stats_line(whole.substr(0, n), record)) << whole.substr(0, n);
-  for (const char* foreign : {"", "null", "[1]", "{}", R"({"frame": "1", "ok": true})", R"({"frame": 1, "ok": 1})", R"({"frame": 1, "ok": true, "files": [3]})"})
+  for (const char* foreign :
+       {"", "null", "[1]", "{}", R"({"frame": "1", "ok": true})", R"({"frame": 1, "ok": 1})", R"({"frame": 1, "ok": true, "files": [3]})"})
     EXPECT_FALSE(read_stats_line(foreign, record)) << foreign;
 }
 

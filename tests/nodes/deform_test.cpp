@@ -15,8 +15,10 @@ GraphSpec scene(Literal::Map more = {}) {
   GraphSpec graph;
   graph.add("body", "primitive", {{"shape", "sphere"}, {"radius", 1.0}, {"resolution", 3}})
       .add("ball", "primitive", {{"shape", "sphere"}, {"radius", 0.5}, {"resolution", 3}})
-      .add("motion", "transform", {{"mesh", "ball"}, {"keys", Literal::Map{{1, Literal::Map{{"translate", Literal::List{0, 3, 0}}}},
-                                                                          {2, Literal::Map{{"translate", Literal::List{0.0, 1.2, 0.0}}}}}}})
+      .add("motion", "transform",
+           {{"mesh", "ball"},
+            {"keys",
+             Literal::Map{{1, Literal::Map{{"translate", Literal::List{0, 3, 0}}}}, {2, Literal::Map{{"translate", Literal::List{0.0, 1.2, 0.0}}}}}}})
       .add("solid", "mesh_to_sdf", {{"mesh", "motion"}, {"voxel_size", 0.05}});
   Literal::Map arguments{{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}, {"max_iterations", 40}};
   arguments.insert(arguments.end(), more.begin(), more.end());
@@ -46,7 +48,8 @@ TEST(Deform, LeavesNothingInsideTheCollider) {
 
 TEST(Deform, KeepsPinnedVerticesInPlace) {
   GraphSpec graph = scene({{"pins", "low"}});
-  graph.add("low", "weights", {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{0, 1, 0}}, {"point", Literal::List{0.0, -0.5, 0.0}}});
+  graph.add("low", "weights",
+            {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{0, 1, 0}}, {"point", Literal::List{0.0, -0.5, 0.0}}});
   Evaluator evaluator(compile(graph));
   const auto body = evaluator.get<Surface>("body", 2), result = evaluator.get<Surface>("press.surface", 2);
   double low = 0, high = 0;
