@@ -22,6 +22,10 @@ std::atomic<uint64_t> allocations{0};
   if (void* storage = std::malloc(size ? size : 1)) return storage;
   throw std::bad_alloc();
 }
+[[gnu::noinline]] void* operator new(size_t size, const std::nothrow_t&) noexcept {
+  knead::iterate_test::allocations.fetch_add(1, std::memory_order_relaxed);
+  return std::malloc(size ? size : 1);
+}
 [[gnu::noinline]] void operator delete(void* storage) noexcept {
   std::free(storage);
 }
