@@ -52,7 +52,9 @@ void declare(CLI::App& program, Arguments& all) {
   run_command->add_option("--out", all.run.graph.out, "folder in which relative paths of write_* nodes begin; otherwise the current one");
   run_command->add_option("--stats", all.run.stats, "where the figures go, a line of JSON per frame; otherwise stats.jsonl in --out");
   run_command->add_flag("--resume", all.run.resume, "skip frames that are complete and were made from the same inputs");
+#ifdef KNEAD_PICTURES
   run_command->add_flag("--sheet", all.run.sheet, "make a contact sheet of every sequence of pictures");
+#endif
   run_command->add_flag("--checked", all.run.checked, "prove that nodes read only what they declare (slow)");
   run_command->add_flag("-q,--quiet", all.run.quiet, "print warnings and errors only");
   run_command->callback([&] { all.command = [&] { return run(all.run); }; });

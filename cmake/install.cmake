@@ -11,9 +11,12 @@ install(FILES ${graph_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/gra
 foreach(header vec data neighbour_table parallel)
   install(FILES kernels/${header}.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/kernels)
 endforeach()
-foreach(header files graph_file libraries mesh_io picture schema stats)
+foreach(header files graph_file libraries mesh_io schema stats)
   install(FILES io/${header}.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/io)
 endforeach()
+if(KNEAD_PICTURES)
+  install(FILES io/picture.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/io)
+endif()
 
 configure_package_config_file(cmake/kneadConfig.cmake.in ${CMAKE_CURRENT_BINARY_DIR}/kneadConfig.cmake INSTALL_DESTINATION ${KNEAD_CONFIG_DIR})
 write_basic_package_version_file(${CMAKE_CURRENT_BINARY_DIR}/kneadConfigVersion.cmake COMPATIBILITY SameMinorVersion)

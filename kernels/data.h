@@ -110,6 +110,7 @@ struct TetMesh {
   Buffer<float> rest_lengths;         // L, per edge, cells
   NeighbourTable vertex_tets;         // three other corners in an order that keeps the orientation (see restore_volume); values V0
   NeighbourTable vertex_edges;        // the other end; values L
+  Buffer<float> lane_volumes;         // [lanes of vertex_tets, padded] the volume of the lane's tets, cells^3; 0 in padding lanes
   Similarity to_local;                // tet space to M's local space: scale is the finest cell's edge, no rotation
   float mean_edge = 0;                // mean of rest_lengths
   size_t vertices() const { return rest.size(); }
@@ -169,7 +170,7 @@ KNEAD_PORT_TYPE(Points, { f(v.values); })
 KNEAD_PORT_TYPE(Weights, { f(v.values); })
 KNEAD_PORT_TYPE(Sdf, { f(v.grid); })
 KNEAD_PORT_TYPE(TetMesh, {
-  f(v.rest); f(v.tets); f(v.rest_volumes); f(v.edges); f(v.rest_lengths);
+  f(v.rest); f(v.tets); f(v.rest_volumes); f(v.edges); f(v.rest_lengths); f(v.lane_volumes);
   each_table_buffer(v.vertex_tets, f);
   each_table_buffer(v.vertex_edges, f);
 })

@@ -2,42 +2,35 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 
 #include "kernels/lane_table.h"
+#include "kernels/loop_lanes.h"
 #include "kernels/loop_points.h"
 #include "kernels/parallel.h"
 
 namespace knead {
 namespace {
 
-struct FitSums {
-  double weight = 0, travelled = 0;
-  Vec3d now{0, 0, 0}, rest{0, 0, 0};
-  double product[9] = {};  // sum w x x_rest^T
+using Sums = std::array<double, RigidSums::kSums>;
 
-  FitSums operator+(const FitSums& b) const {
-    FitSums s{weight + b.weight, travelled + b.travelled, now + b.now, rest + b.rest, {}};
-    for (int k = 0; k < 9; ++k) s.product[k] = product[k] + b.product[k];
-    return s;
-  }
-};
-
-// A lane is a vertex of H; its weight is the volume of its tets.
-struct FitBody {
-  const Vec3f *now, *rest;
-  LaneTable tets;
-
-  FitSums operator()(uint32_t t) const {
-    double w = 0;
-    for (uint32_t k = 0; k < tets.valence[t]; ++k) w += tets.values[tets.entry(t, k)];
-    const uint32_t j = tets.order[t];
-    const Vec3d x = to_double(now[j]), r = to_double(rest[j]), u = x - r;
-    FitSums s{w, w * dot(u, u), w * x, w * r, {}};
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) s.product[3 * a + b] = w * x[a] * r[b];
-    return s;
-  }
-};
+Sums rigid_sums(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets) {
+  const Device device = executor.device();
+  const NeighbourTable& lanes = tets.vertex_tets;
+  const RigidSums body{points.view(device).data(), tets.rest.view(device).data(), lanes.order.view(device).data(), tets.lane_volumes.view(device).data()};
+  const auto run = loop_lanes(executor).rigid_sums;
+  constexpr size_t kMostPieces = 64;
+  const size_t most = (lanes.lanes + kMostPieces - 1) / kMostPieces, block = NeighbourTable::kLaneBlock;
+  const size_t piece = std::max<size_t>(kLanesPerPiece, (most + block - 1) / block * block);
+  std::array<Sums, kMostPieces> partial;
+  executor.parallel_ranges(lanes.lanes, piece, [&](size_t begin, size_t end) {
+    run(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end), partial[begin / piece].data());
+  });
+  Sums sums{};
+  for (size_t p = 0; p * piece < lanes.lanes; ++p)
+    for (size_t k = 0; k < sums.size(); ++k) sums[k] += partial[p][k];
+  return sums;
+}
 
 void check_paint(const Buffer<float>& paint, const Lattice* lattice, const char* what) {
   if (!lattice) throw Error(ErrorCode::kInput, std::string("hold: ") + what + " are painted on M, but no lattice is connected", "lattice: <build_tets>.lattice");
@@ -47,26 +40,37 @@ void check_paint(const Buffer<float>& paint, const Lattice* lattice, const char*
 }  // namespace
 
 RigidFit rigid_fit(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets) {
-  const Device device = executor.device();
-  const FitBody body{points.view(device).data(), tets.rest.view(device).data(), lane_table(tets.vertex_tets, device)};
-  const FitSums s = parallel_reduce(executor, body.tets.lanes, "rigid_fit", FitSums{}, body, [](const FitSums& a, const FitSums& b) { return a + b; });
+  const Sums s = rigid_sums(executor, padded(executor, points), tets);
   RigidFit fit;
-  if (!(s.weight > 0) || s.travelled == 0) return fit;
+  const double weight = s[0], travelled = s[1];
+  if (!(weight > 0) || travelled == 0) return fit;
   fit.moved = true;
-  fit.centre = (1 / s.weight) * s.now;
-  fit.rest_centre = (1 / s.weight) * s.rest;
+  const Vec3d step = (1 / weight) * Vec3d{s[2], s[3], s[4]};
+  fit.rest_centre = (1 / weight) * Vec3d{s[5], s[6], s[7]};
+  fit.centre = fit.rest_centre + step;
+  constexpr int kUpper[3][3] = {{17, 18, 19}, {18, 20, 21}, {19, 21, 22}};
   Eigen::Matrix3d covariance;
   for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) covariance(a, b) = s.product[3 * a + b] / s.weight - fit.centre[a] * fit.rest_centre[b];
+    for (int b = 0; b < 3; ++b) covariance(a, b) = (s[8 + 3 * a + b] + s[kUpper[a][b]]) / weight - fit.centre[a] * fit.rest_centre[b];
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Eigen::Vector3d spread = svd.singularValues();
-  if (!(spread(1) > 1e-12 * spread(0))) return fit;  // points on a line or collapsed to it: no rotation to speak of
+  if (!(spread(1) > 1e-6 * spread(0))) return fit;  // points on a line or collapsed to it: no rotation to speak of
   Eigen::Matrix3d flip = Eigen::Matrix3d::Identity();
   flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
   const Eigen::Matrix3d rotation = svd.matrixU() * flip * svd.matrixV().transpose();
   for (int a = 0; a < 3; ++a)
     for (int b = 0; b < 3; ++b) fit.rotation[3 * a + b] = rotation(a, b);
   return fit;
+}
+
+RigidMotion undoing(const RigidFit& fit) {
+  RigidMotion back;
+  back.moved = fit.moved;
+  back.centre = to_float(fit.centre);
+  back.shift = to_float(fit.rest_centre - fit.centre);
+  for (int a = 0; a < 3; ++a)
+    for (int b = 0; b < 3; ++b) back.turn[3 * a + b] = static_cast<float>(fit.rotation[3 * b + a] - (a == b ? 1 : 0));
+  return back;
 }
 
 Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, const Lattice& lattice, bool largest, float elsewhere) {
@@ -105,16 +109,19 @@ Buffer<Vec3f> hold(Executor& executor, const Buffer<Vec3f>& points, const TetMes
     const double sum = reduce_sum(executor, paint.size(), "hold", [&](uint32_t i) { return static_cast<double>(paint[i]); });
     weights = paint_to_tets(executor, *settings.weights, *lattice, false, static_cast<float>(sum / static_cast<double>(std::max<size_t>(1, paint.size()))));
   }
+  const Buffer<Vec3f> from = padded(executor, points);
   Buffer<Vec3f> to(points.size(), executor.memory());
   Hold body{};
-  body.from = points.view(executor.device()).data();
+  body.from = from.view(executor.device()).data();
   body.rest = tets.rest.view(executor.device()).data();
   body.to = to.data_for_write();
+  body.order = tets.vertex_tets.order.view(executor.device()).data();
+  body.lanes = tets.vertex_tets.lanes;
   body.weights = weights ? weights.view(executor.device()).data() : nullptr;
   body.pins = pins ? pins.view(executor.device()).data() : nullptr;
   body.strength = static_cast<float>(settings.strength);
-  if (settings.remove_rigid && !pinned) body.rigid = rigid_fit(executor, points, tets);
-  parallel_for(executor, points.size(), "hold", body);
+  if (settings.remove_rigid && !pinned) body.rigid = undoing(rigid_fit(executor, from, tets));
+  run_lanes(executor, body.lanes, body, loop_lanes(executor).hold);
   return to;
 }
 

@@ -7,6 +7,13 @@
 
 namespace knead {
 
+// x_rest = R^T (x - centre) + rest_centre for a body that has only moved rigidly by R.
+struct RigidFit {
+  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // R, row-major
+  Vec3d centre{0, 0, 0}, rest_centre{0, 0, 0};
+  bool moved = false;
+};
+
 struct HoldSettings {
   double strength = 0;                         // part of the way to rest that every vertex goes, 0 to 1
   bool remove_rigid = true;
@@ -14,8 +21,8 @@ struct HoldSettings {
   const Buffer<float>* weights = nullptr;      // of the strength, per vertex of M
 };
 
-// The rotation and translation that take x_rest nearest to x, least squares weighted by each vertex's share of the rest volume (Kabsch, in double). Sums are
-// taken in fixed pieces. `moved` is false when no vertex has left its rest position.
+// The rotation and translation that take x_rest nearest to x, least squares weighted by each vertex's share of the rest volume (Kabsch). Sums are taken
+// in fixed pieces. `moved` is false when no vertex has left its rest position.
 RigidFit rigid_fit(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets);
 
 // Paint on M, brought to H: per vertex the largest weight of the vertices of M it influences, or their mean by lattice weight. A vertex that influences none

@@ -1,41 +1,70 @@
-// One vertex of hold, and the sums of its rigid fit; see hold.h.
+// The lanes of hold, and the sums of its rigid fit; see hold.h.
 #pragma once
-#include "kernels/vec.h"
+#include "kernels/lattice_map_body.h"
 
 namespace knead {
 
-// x_rest = R^T (x - centre) + rest_centre for a body that has only moved rigidly by R.
-struct RigidFit {
-  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // R, row-major
-  Vec3d centre{0, 0, 0}, rest_centre{0, 0, 0};
+// What takes a moved body back: x + turn (x - centre) + shift, with turn = R^T - 1 and shift = rest centre - centre, so that small motions stay accurate.
+struct RigidMotion {
+  float turn[9] = {};  // row-major
+  Vec3f centre{0, 0, 0}, shift{0, 0, 0};
   bool moved = false;
+};
 
-  KNEAD_HD Vec3d undone(const Vec3d& x) const {
-    const Vec3d p = x - centre;
-    return {rotation[0] * p.x + rotation[3] * p.y + rotation[6] * p.z + rest_centre.x,
-            rotation[1] * p.x + rotation[4] * p.y + rotation[7] * p.z + rest_centre.y,
-            rotation[2] * p.x + rotation[5] * p.y + rotation[8] * p.z + rest_centre.z};
+// Sums over the vertices of H, each weighted by the volume w of its tets, of its rest position r and its displacement u: what a rigid fit needs. They are
+// taken of u and not of x, so that float32 is accurate to the displacement.
+struct RigidSums {
+  static constexpr int kSums = 23;  // w, w u.u, w u, w r, w u r^T, w r r^T (upper triangle)
+  const Vec3f *now, *rest;
+  const uint32_t* order;  // the lanes of vertex_tets
+  const float* volumes;   // per lane, 0 in padding lanes
+
+  template <class F>
+  KNEAD_HD void lane(uint32_t t, F* sums) const {
+    using L = Lane<F>;
+    const F w = L::load(volumes + t);
+    const Vec3<F> r = L::rows(rest, order + t), u = L::rows(now, order + t) - r;
+    const Vec3<F> wu = u * w, wr = r * w;
+    const F terms[kSums] = {w,          dot(wu, u), wu.x,       wu.y,       wu.z,       wr.x,       wr.y,       wr.z,
+                            wu.x * r.x, wu.x * r.y, wu.x * r.z, wu.y * r.x, wu.y * r.y, wu.y * r.z, wu.z * r.x, wu.z * r.y,
+                            wu.z * r.z, wr.x * r.x, wr.x * r.y, wr.x * r.z, wr.y * r.y, wr.y * r.z, wr.z * r.z};
+    for (int k = 0; k < kSums; ++k) sums[k] = sums[k] + terms[k];
   }
 };
 
 struct Hold {
-  const Vec3f* from;      // x, tet space
-  const Vec3f* rest;      // x_rest
+  const Vec3f* from;  // x, tet space
+  const Vec3f* rest;  // x_rest
   Vec3f* to;
-  const float* weights;   // of the strength, per vertex of H; may be null
-  const float* pins;      // 0 free to 1 pinned, per vertex of H; may be null
+  const uint32_t* order;  // the lanes of vertex_tets
+  uint32_t lanes;
+  const float* weights;  // of the strength, per vertex of H; may be null
+  const float* pins;     // 0 free to 1 pinned, per vertex of H; may be null
   float strength;
-  RigidFit rigid;
+  RigidMotion rigid;
 
-  KNEAD_HD void operator()(uint32_t j) const {
-    Vec3f x = from[j];
-    if (rigid.moved) x = to_float(rigid.undone(to_double(x)));
-    const float pull = weights ? strength * weights[j] : strength;
-    if (pull > 0) x += pull * (rest[j] - x);
-    const float pin = pins ? pins[j] : 0;
-    if (pin > 0) x += pin * (rest[j] - x);
-    to[j] = pin >= 1 ? rest[j] : x;
+  template <class F>
+  KNEAD_HD void lane(uint32_t t) const {
+    using L = Lane<F>;
+    const uint32_t* j = order + t;
+    const Vec3<F> r = L::rows(rest, j);
+    Vec3<F> x = L::rows(from, j);
+    if (rigid.moved) {
+      const F dx = x.x - rigid.centre.x, dy = x.y - rigid.centre.y, dz = x.z - rigid.centre.z;
+      x.x = x.x + (rigid.turn[0] * dx + rigid.turn[1] * dy + rigid.turn[2] * dz + rigid.shift.x);
+      x.y = x.y + (rigid.turn[3] * dx + rigid.turn[4] * dy + rigid.turn[5] * dz + rigid.shift.y);
+      x.z = x.z + (rigid.turn[6] * dx + rigid.turn[7] * dy + rigid.turn[8] * dz + rigid.shift.z);
+    }
+    const F pull = weights ? L::gather(weights, j) * strength : L::all(strength);
+    x = moved(x, (r - x) * pull);
+    if (pins) {
+      const F pin = L::gather(pins, j), one = L::all(1.0f);
+      x = moved(x, (r - x) * pin);
+      x = {pin >= one ? r.x : x.x, pin >= one ? r.y : x.y, pin >= one ? r.z : x.z};
+    }
+    L::put_rows(to, j, lanes - t, x);
   }
+  KNEAD_HD void operator()(uint32_t t) const { lane<float>(t); }
 };
 
 // A lane is a vertex of H that M influences: the largest or the mean weight of those vertices of M.

@@ -5,6 +5,7 @@
 
 #include "graph/executor.h"
 #include "kernels/enforce_stiffness_body.h"
+#include "kernels/hold_body.h"
 #include "kernels/lattice_map_body.h"
 #include "kernels/restore_volume_body.h"
 
@@ -16,6 +17,8 @@ struct LoopLanes {
   void (*enforce_stiffness)(const EnforceStiffness&, uint32_t begin, uint32_t end);
   void (*map_to_tets)(const MapToTets&, uint32_t begin, uint32_t end);
   void (*map_to_surface)(const MapToSurface&, uint32_t begin, uint32_t end);
+  void (*hold)(const Hold&, uint32_t begin, uint32_t end);
+  void (*rigid_sums)(const RigidSums&, uint32_t begin, uint32_t end, double* sums);  // sums[RigidSums::kSums] of these lanes alone
 };
 
 // Null when the level is not in this build.
@@ -27,10 +30,11 @@ const LoopLanes* loop_lanes_avx512();
 // Those of the executor's simd_level.
 const LoopLanes& loop_lanes(const Executor& executor);
 
+inline constexpr size_t kLanesPerPiece = 512;
+
 // Runs one of them over all lanes in fixed pieces.
 template <class Body>
 void run_lanes(Executor& executor, uint32_t lanes, const Body& body, void (*run)(const Body&, uint32_t, uint32_t)) {
-  constexpr size_t kLanesPerPiece = 512;
   executor.parallel_ranges(lanes, kLanesPerPiece, [&](size_t begin, size_t end) { run(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end)); });
 }
 

@@ -9,7 +9,13 @@ void run(const Body& body, uint32_t begin, uint32_t end) {
   for (uint32_t t = begin; t < end; t += Lane<KNEAD_LANES>::kWidth) body.template lane<KNEAD_LANES>(t);
 }
 
-constexpr LoopLanes kLanes{run<RestoreVolume>, run<EnforceStiffness>, run<MapToTets>, run<MapToSurface>};
+void rigid_sums(const RigidSums& body, uint32_t begin, uint32_t end, double* sums) {
+  KNEAD_LANES lanes[RigidSums::kSums] = {};
+  for (uint32_t t = begin; t < end; t += Lane<KNEAD_LANES>::kWidth) body.lane(t, lanes);
+  for (int k = 0; k < RigidSums::kSums; ++k) sums[k] = Lane<KNEAD_LANES>::sum(lanes[k]);
+}
+
+constexpr LoopLanes kLanes{run<RestoreVolume>, run<EnforceStiffness>, run<MapToTets>, run<MapToSurface>, run<Hold>, rigid_sums};
 
 }  // namespace
 

@@ -92,6 +92,19 @@ NeighbourTable make_neighbour_table(const Adjacency& adjacency, PadIndex pad, La
   return table;
 }
 
+Buffer<float> lane_sums(const NeighbourTable& table) {
+  Buffer<float> sums(table.order.size());
+  float* sum = sums.data_for_write();
+  const auto valence = table.valence.host(), row = table.row_offsets.host();
+  const auto values = table.values.host();
+  for (size_t t = 0; t < sums.size(); ++t) {
+    double all = 0;
+    for (uint32_t k = 0; k < valence[t]; ++k) all += values[row[k] + t];
+    sum[t] = static_cast<float>(all);
+  }
+  return sums;
+}
+
 std::string check_neighbour_table(const NeighbourTable& table, uint32_t index_count, PadIndex pad) {
   const auto order = table.order.host(), valence = table.valence.host(), row = table.row_offsets.host(), indices = table.indices.host();
   const auto values = table.values.host();

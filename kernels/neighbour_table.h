@@ -31,6 +31,9 @@ enum class Lanes { kAll, kWithNeighbours };
 // Throws Error(kMemory) when the table does not fit and Error(kInternal) when offsets and sizes disagree.
 NeighbourTable make_neighbour_table(const Adjacency& adjacency, PadIndex pad, Lanes lanes, Executor& executor);
 
+// The sum of every lane's values, summed in double; 0 in padding lanes.
+Buffer<float> lane_sums(const NeighbourTable& table);
+
 // "" or the first thing wrong with the table: order, valences, row lengths, padding, an index of `index_count` or more.
 std::string check_neighbour_table(const NeighbourTable& table, uint32_t index_count, PadIndex pad);
 

@@ -32,6 +32,7 @@ struct Lane<float> {
   static KNEAD_HD Vec3f rows(const Vec3f* v, const uint32_t* i) { return v[*i]; }
   static KNEAD_HD void put_rows(Vec3f* v, const uint32_t* i, uint32_t, const Vec3f& x) { v[*i] = x; }
   static KNEAD_HD float root(float v) { return sqrtf(v); }
+  static KNEAD_HD double sum(float v) { return v; }
 };
 
 #if defined(__SSE2__) && !defined(__CUDACC__)  // nvcc knows no vector types; a device lane is a float
@@ -90,6 +91,11 @@ struct PackLane {
     for (uint32_t l = 0; l < W && l < count; ++l) v[i[l]] = {x.x[l], x.y[l], x.z[l]};
   }
   static KNEAD_HD F root(F v) { return detail::root(v); }
+  static KNEAD_HD double sum(F v) {
+    double all = 0;
+    for (int l = 0; l < W; ++l) all += v[l];
+    return all;
+  }
 };
 }  // namespace detail
 
