@@ -77,7 +77,7 @@ struct RestoreVolume {
       const F six_rest = 6.0f * L::load(tets.values + entry);
       const F error = dot(d - a, base) - six_rest;
       const F counted = (error < zero ? -error : error) <= ignored * six_rest ? zero : error;
-      system.add(base, counted, relative ? 1.0f / (six_rest > tiny ? six_rest : tiny) : one);
+      system.add(base, counted, relative ? L::reciprocal(six_rest > tiny ? six_rest : tiny) : one);
     }
     const Vec3<F> step = clamped(system.step(regularisation) * L::all(relaxation), max_step);
     L::put_rows(to, tets.order + t, tets.lanes - t, a + step);
