@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "graph/error.h"
-#include "kernels/collide_body.h"
+#include "kernels/collide_launch.h"
 #include "kernels/mesh_distance.h"
 #include "kernels/parallel.h"
 
@@ -47,15 +47,15 @@ void check_margin(const Sdf& sdf, const Similarity& body, double margin, size_t 
 
 }  // namespace
 
-CollideFigures collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out) {
+CollidePush make_push(Executor& executor, const CollideInput& input) {
   if (input.colliders.size() > kMostColliders)
     throw Error(ErrorCode::kInput, std::to_string(input.colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one push takes",
                 "join some of them with union_sdf");
   CollidePush body{};
   body.points = input.points.data();
   body.memory = input.memory.empty() ? nullptr : input.memory.data();
-  body.displacement = displacement;
-  body.memory_out = memory_out;
+  body.ways = input.ways.empty() ? nullptr : input.ways.data();
+  body.trapped = input.trapped.empty() ? nullptr : input.trapped.data();
   for (size_t k = 0; k < input.colliders.size(); ++k) {
     check_margin(*input.colliders[k], input.placement, input.margin, k);
     body.colliders[k] = view_collider(*input.colliders[k], executor.device(), input.placement);
@@ -64,10 +64,17 @@ CollideFigures collide_push(Executor& executor, const CollideInput& input, Vec3f
   body.margin = static_cast<float>(input.margin);
   body.rate = static_cast<float>(input.rate);
   body.most = static_cast<float>(input.most);
+  return body;
+}
+
+CollideFigures collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out) {
+  CollidePush body = make_push(executor, input);
+  body.displacement = displacement;
+  body.memory_out = memory_out;
   const ContactFigures sum = parallel_reduce(executor, input.points.size(), "collide_push", ContactFigures{}, body, [](const ContactFigures& a, const ContactFigures& b) {
-    return ContactFigures{std::max(a.deepest, b.deepest), a.inside + b.inside, a.pushed + b.pushed};
+    return ContactFigures{std::max(a.deepest, b.deepest), a.inside + b.inside, a.pushed + b.pushed, a.astray + b.astray};
   });
-  return {sum.deepest, sum.inside, sum.pushed};
+  return {sum.deepest, sum.inside, sum.pushed, sum.astray};
 }
 
 void add_displacement(Executor& executor, std::span<const Vec3f> points, const Vec3f* displacement, Vec3f* moved) {

@@ -9,6 +9,7 @@ namespace knead {
 
 inline constexpr uint32_t kMostColliders = 24;  // by value in the body, so that a launch needs no upload
 inline constexpr float kLeastSlope = 0.05f;     // a distance has slope 1; below this its direction means nothing
+inline constexpr float kWrongWay = -0.3f;       // cosine with the way into the body below which the nearest way out of a collider is the far side
 
 // A collider seen from M: index = matrix * y + offset for a vertex y in M's local space.
 struct ColliderView {
@@ -23,11 +24,14 @@ struct ContactFigures {
   float deepest = 0;    // penetration, M's local units
   uint32_t inside = 0;  // vertices with phi < margin
   uint32_t pushed = 0;  // vertices with a push that is not zero
+  uint32_t astray = 0;  // vertices on the wrong side of a collider, sent along their way
 };
 
 struct CollidePush {
   const Vec3f* points;        // [n] M's local space
   const float* memory;        // [n] lambda, local units; null: none yet
+  const Vec3f* ways;          // [n] the way into the body, as long as the body is thick; zero or null: not known
+  const uint8_t* trapped;     // [n] not 0: it began at the far side of a collider, outside; null: none
   Vec3f* displacement;        // [n] d_i, M's local space
   float* memory_out;          // [n]
   ColliderView colliders[kMostColliders];
@@ -60,28 +64,72 @@ struct CollidePush {
     return g * (1 / size);
   }
 
-  KNEAD_HD ContactFigures operator()(uint32_t i) const {
-    const Vec3f y = points[i];
+  // The distance of y above the margin of the collider that it is deepest in, and which that is.
+  KNEAD_HD float distance(const Vec3f& y, uint32_t& nearest) const {
     float phi = 3.4e38f;
-    uint32_t nearest = 0;
     for (uint32_t k = 0; k < count; ++k) {
       SdfSampler sampler(colliders[k].sdf);
       const float value = sampler.value(to_index(colliders[k], y)) * colliders[k].scale - margin;
       if (value < phi) phi = value, nearest = k;
     }
+    return phi;
+  }
+
+  // How far y has to go along `in` to have left the collider that it is in, or the first that it meets, by steps of the distance. More than `most_far`
+  // when it meets none or is not out by then.
+  static constexpr int kSteps = 96;
+  KNEAD_HD float way_through(const Vec3f& y, const Vec3f& in, float most_far) const {
+    const float least = most_far / kSteps;
+    uint32_t nearest = 0;
+    bool inside = false;
+    for (float way = 0; way <= most_far;) {
+      const float phi = distance(y + in * way, nearest);
+      if (inside && phi >= 0) return way;
+      inside = inside || phi < 0;
+      const float step = phi < 0 ? -phi : phi;
+      way += step > least ? step : least;
+    }
+    return 2 * most_far + 1;
+  }
+
+  KNEAD_HD ContactFigures operator()(uint32_t i) const {
+    const Vec3f y = points[i];
+    uint32_t nearest = 0;
+    float phi = distance(y, nearest);
     const float before = memory ? memory[i] : 0.0f;
     float lambda = before - rate * phi;
-    lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
-    const float push = lambda > -phi ? lambda : -phi;  // never less than the penetration itself
+    float depth = -phi;
+    Vec3f out{0, 0, 0};
+    bool known = false;
     ContactFigures figures;
+    const float reach = ways ? length(ways[i]) : 0.0f;
+    if (reach > 0 && (phi < 0 || trapped[i])) {
+      const Vec3f in = ways[i] * (1 / reach);
+      if (phi < 0) {
+        out = outwards(colliders[nearest], y, true);
+        known = true;
+      }
+      if (phi >= 0 || dot(out, in) < kWrongWay) {
+        const float way = way_through(y, in, reach);
+        if (way <= reach) {  // a way to go, not a force to build up: the memory waits until the vertex is on its side
+          out = in;
+          known = true;
+          depth = way;
+          lambda = before;
+          figures.astray = 1;
+        }
+      }
+    }
+    lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
+    const float push = lambda > depth ? lambda : depth;  // never less than the penetration itself
     memory_out[i] = lambda;
     displacement[i] = {0, 0, 0};
-    if (phi < 0) {
+    if (depth > 0) {
       figures.inside = 1;
-      figures.deepest = -phi;
+      figures.deepest = depth;
     }
     if (push > 0) {
-      const Vec3f d = outwards(colliders[nearest], y, phi < 0) * push;
+      const Vec3f d = (known ? out : outwards(colliders[nearest], y, phi < 0)) * push;
       displacement[i] = d;
       figures.pushed = d.x != 0 || d.y != 0 || d.z != 0;
     }

@@ -3,20 +3,21 @@
 
 #include "graph/registry.h"
 #include "kernels/collide.h"
+#include "kernels/contact_sides.h"
 #include "kernels/data.h"
 #include "kernels/mesh_distance.h"
 
 namespace knead {
 
-// The search structure over a collider's triangles, shared by the frames.
-struct ColliderMesh {
+// The search structure over a mesh's triangles, shared by the frames.
+struct SearchableMesh {
   std::shared_ptr<const MeshDistance> distance;
 };
 template <>
-struct PortTraits<ColliderMesh> {
-  static constexpr const char* name = "ColliderMesh";
+struct PortTraits<SearchableMesh> {
+  static constexpr const char* name = "SearchableMesh";
   template <class F>
-  static void each_buffer(ColliderMesh&, F&&) {}
+  static void each_buffer(SearchableMesh&, F&&) {}
 };
 
 namespace {
@@ -27,6 +28,12 @@ const char* const kManual = R"(Pushes the soft surface out of rigid colliders (p
 as their union: the one that a vertex is deepest in decides, and no grids are merged. Without `memory` that is all. With it, each vertex keeps a contact
 memory lambda >= 0: lambda <- max(0, lambda - memory_rate * phi), and the push is lambda along grad phi. The other steps of the loop average a push away; the
 memory grows until it holds, and decays as soon as the vertex is outside. It is bounded by `memory_limit` times the surface's diagonal.
+
+The nearest way out may be the wrong one: the tip of a nose past a thumb's middle would be drawn out at the thumb's far side. So the first iteration of a
+loop, which has no memory yet and sees the surface at rest, looks at each patch of vertices in collision together with the islands that they cut off from the
+rest of the surface. If nearly all of the patch can come out of the collider into its own body, its vertices do, whenever the nearest way leads against that
+direction; the memory carries it through the loop. Patches like a finger in a ring, which have no such direction, go the nearest way. `sides: false` is the
+nearest way for all.
 
 `mode: project` is the last step after the loop: every vertex that is inside goes to the nearest place outside, exactly against the collider's own triangles
 where the field carries them (else against the field's interpolant), a few rounding errors outside. A vertex squeezed between colliders goes to and fro, and
@@ -45,12 +52,13 @@ class CollideSdf : public Node {
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
   Param<double> memory_rate{this, "memory_rate", 1, {.min = 0, .max = 10, .doc = "how much of phi goes into the memory each time"}};
   Param<double> memory_limit{this, "memory_limit", 0.1, {.min = 0, .unit = "diagonals", .doc = "upper bound of the memory, as a fraction of the surface's diagonal"}};
+  Param<bool> sides{this, "sides", true, {.doc = "push: decide in the first iteration on which side of the colliders vertices belong; false: always the nearest"}};
   Param<int> rounds{this, "rounds", 32, {.min = 1, .max = 1000, .doc = "project: attempts at a vertex between several colliders"}};
   Param<int> samples{this, "samples", 0, {.min = 0, .max = 32, .doc = "project: subdivisions of a triangle's sides whose points are kept outside too; 0: vertices only"}};
   Out<Points> displacement{this, "displacement", {.unit = "local", .shape = "vertices", .doc = "the push of each vertex, in the surface's local space"}};
   Out<Surface> pushed{this, "surface", {.unit = "world", .doc = "the surface with the push applied"}};
   Out<Contacts> contacts{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory for the next iteration"}};
-  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); project adds what is left"}};
+  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); push: vertices_astray, on the wrong side of a collider; project adds what is left"}};
 
   Runs runs() const override { return mode() == "project" ? Runs::kHost : Runs::kAnyDevice; }
 
@@ -70,6 +78,13 @@ class CollideSdf : public Node {
   }
 
  private:
+  static Value searchable(Context& context, const Surface& mesh) {
+    const std::span<const uint32_t> triangles = mesh.topology->triangles;
+    Hasher key;
+    key.add("searchable_mesh").add(mesh.points.id()).bytes(triangles.data(), triangles.size_bytes());
+    return context.once(key.key(), [&] { return Value::of(SearchableMesh{std::make_shared<MeshDistance>(mesh.points.host(), triangles, &context.executor())}); });
+  }
+
   void push(Context& context, const Surface& body, const std::vector<const Sdf*>& colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const size_t n = body.vertices();
@@ -83,6 +98,22 @@ class CollideSdf : public Node {
     input.margin = margin() / body.placement.scale;
     input.rate = memory_rate();
     input.most = memory_limit() * body.diagonal();
+    if (before) {
+      after.ways = before->ways;
+      after.trapped = before->trapped;
+    } else if (sides() && body.topology) {
+      Value mesh;
+      ContactSides found = contact_sides(executor, input, body.topology->triangles, [&]() -> const MeshDistance& {
+        mesh = searchable(context, body);
+        return *mesh.as<SearchableMesh>().distance;
+      });
+      after.ways = std::move(found.ways);
+      after.trapped = std::move(found.trapped);
+    }
+    if (after.ways) {
+      input.ways = after.ways.view(executor.device());
+      input.trapped = after.trapped.view(executor.device());
+    }
     const CollideFigures figures = collide_push(executor, input, moves.values.data_for_write(), after.memory.data_for_write());
 
     Surface moved = body;
@@ -92,6 +123,7 @@ class CollideSdf : public Node {
     }
     after.deepest = relative(figures.deepest, body);
     Report figures_report = describe(figures.inside, figures.deepest, body);
+    figures_report.set("vertices_astray", static_cast<double>(figures.astray));
     context.set(displacement, std::move(moves));
     context.set(pushed, std::move(moved));
     context.set(contacts, std::move(after));
@@ -106,13 +138,8 @@ class CollideSdf : public Node {
     for (const Sdf* collider : colliders) {
       meshes.push_back(nullptr);
       if (!collider->mesh) continue;
-      const Surface& mesh = *collider->mesh;
-      Hasher key;
-      key.add("collider_mesh").add(mesh.points.id()).bytes(mesh.topology->triangles.data(), mesh.topology->triangles.size() * sizeof(uint32_t));
-      kept.push_back(context.once(key.key(), [&] {
-        return Value::of(ColliderMesh{std::make_shared<MeshDistance>(mesh.points.host(), std::span<const uint32_t>(mesh.topology->triangles), &executor)});
-      }));
-      meshes.back() = kept.back().as<ColliderMesh>().distance.get();
+      kept.push_back(searchable(context, *collider->mesh));
+      meshes.back() = kept.back().as<SearchableMesh>().distance.get();
     }
     context.check_cancelled();
     constexpr double kClearance = 4e-7;  // of the diagonal: a few roundings of a float coordinate
