@@ -25,7 +25,9 @@ void catch_interrupts() {
     // What the caller ignores (nohup) stays ignored.
     if (sigaction(signal, nullptr, &before) == 0 && before.sa_handler != SIG_IGN) sigaction(signal, &action, nullptr);
   }
+  // Writes that cannot be made then fail with an error, and nothing is left half written.
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 bool interrupted() {

@@ -6,7 +6,7 @@
 namespace knead {
 namespace {
 
-constexpr size_t kDeepestChain = 500;  // nodes that wait for each other while they are compiled; each takes some kilobytes of stack
+constexpr size_t kDeepestChain = 200;  // nodes that wait for each other while they are compiled; each takes 20 kB of stack under AddressSanitizer
 constexpr int kFromCommandLine = -1;   // Literal::line of --set values
 
 bool is_name(const std::string& text) {
@@ -72,6 +72,9 @@ std::shared_ptr<const Plan> Compiler::run(const GraphSpec& spec) {
     std::stable_sort(errors_.begin(), errors_.end(), [](const Error& a, const Error& b) {
       return std::tie(a.where().file, a.where().line, a.where().column) < std::tie(b.where().file, b.where().line, b.where().column);
     });
+    // A group may use what it was given more than once.
+    const auto same = [](const Error& a, const Error& b) { return std::string_view(a.what()) == b.what(); };
+    errors_.erase(std::unique(errors_.begin(), errors_.end(), same), errors_.end());
     throw GraphErrors(std::move(errors_));
   }
   name_outputs(*plan, scope);
@@ -220,6 +223,7 @@ void Compiler::substitute(Scope& scope, Literal& value, const std::string& node)
       return;
     }
     value.value = found->second.value;
+    if (const auto given = scope.given.find(name); given != scope.given.end()) given_[&value] = given->second;
   } else if (auto* list = std::get_if<Literal::List>(&value.value)) {
     for (Literal& item : *list) substitute(scope, item, node);
   } else if (auto* map = value.as_map()) {
@@ -294,7 +298,8 @@ void Compiler::report_unused_overrides(const Plan& plan) {
   }
 }
 
-Where Compiler::where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member) {
+Where Compiler::where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member) const {
+  if (const auto given = given_.find(&at); given != given_.end()) return given->second;
   if (at.line == kFromCommandLine) return {"--set", 0, 0, node, member};
   return {scope.file, at.line, at.column, node, member};
 }

@@ -51,6 +51,7 @@ bool Compiler::compile_loop(Scope& scope, const std::vector<Argument>& arguments
   inner.plan = &inner_plan;
   inner.parent = &scope;
   inner.parameters = scope.parameters;
+  inner.given = scope.given;
   inner.groups = scope.groups;
   std::vector<Iterate::State> states;
   good &= start_states(scope, inner, *state->as_map(), loop, plan_node, states);
@@ -216,7 +217,9 @@ void Compiler::bind_group(Scope& scope, const GraphSpec& group, const std::vecto
       }
       inner.inputs->insert_or_assign(input->name, std::move(reference));
     } else if (const auto parameter = inner.parameters.find(argument.name); parameter != inner.parameters.end()) {
-      if (argument.value) parameter->second = *argument.value;
+      if (!argument.value) continue;
+      parameter->second = *argument.value;
+      inner.given[argument.name] = where_of(scope, *argument.value, full, argument.name);
     } else {
       fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter",
            did_you_mean(argument.name, known, "it takes "));

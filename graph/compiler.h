@@ -49,6 +49,7 @@ struct Scope {
   std::optional<std::map<std::string, Source>> states;     // of the loop
   std::optional<std::map<std::string, Reference>> inputs;  // of the group
   std::map<std::string, Literal> parameters;
+  std::map<std::string, Where> given;  // where the user of the group set them; defaults are not there
   std::map<std::pair<int, int>, int> captured;  // parent's source -> external of plan
   std::vector<std::string> groups;              // files of the groups it stands in, outermost first
 };
@@ -101,7 +102,8 @@ class Compiler {
   void fail(Where where, const std::string& message, const std::string& hint = {}) {
     errors_.emplace_back(ErrorCode::kGraph, std::move(where), message, hint);
   }
-  static Where where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member = {});
+  // For a group's parameter where it was given: its user does not know what is inside.
+  Where where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member = {}) const;
   static Where where_of(const Scope& scope, const NodeSpec& spec) { return {scope.file, spec.line, spec.column, scope.prefix + spec.name, {}}; }
   void take_errors(const Where& where);  // of the exception being handled
   // "did you mean 'b'?", or all that would have been right after `otherwise` where none is near.
@@ -110,6 +112,7 @@ class Compiler {
   const CompileOptions& options_;
   const Registry& registry_;
   std::deque<Literal> substituted_;  // arguments that are not as they stand in the file
+  std::map<const Literal*, Where> given_;  // of those in substituted_ that a group was given
   std::vector<std::string> stack_;   // names of the nodes under way
   std::vector<Error> errors_;
   std::set<size_t> used_overrides_;

@@ -19,13 +19,7 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 // What the nodes of one frame share while they run, perhaps at once.
 struct FrameState {
   FrameState(int f, const Plan& plan) : FrameState(f, plan, plan.nodes.size()) {}
-  FrameState(int f, const Plan& plan, size_t n) : frame(f), round(plan), keys(n), times(n), errors(n), failed(n) {}
-
-  void keep(const std::vector<std::string>& more) {
-    if (more.empty()) return;
-    std::lock_guard lock(mutex);
-    warnings.insert(warnings.end(), more.begin(), more.end());
-  }
+  FrameState(int f, const Plan& plan, size_t n) : frame(f), round(plan), keys(n), times(n), errors(n), failed(n), warnings(n) {}
 
   int frame;
   Round round;
@@ -33,9 +27,15 @@ struct FrameState {
   std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
   std::vector<std::optional<Error>> errors;
   std::vector<char> failed;  // it, or something that it needs
-  std::mutex mutex;
-  std::vector<std::string> warnings;
+  // Of the node and of all that it stands on: a frame that finds a node in the cache does not look at what is behind it.
+  std::vector<std::vector<std::string>> warnings;
 };
+
+void merge(std::vector<std::string>& into, const std::vector<std::string>& more) {
+  into.insert(into.end(), more.begin(), more.end());
+  std::sort(into.begin(), into.end());
+  into.erase(std::unique(into.begin(), into.end()), into.end());
+}
 
 }  // namespace
 
@@ -220,7 +220,7 @@ void Evaluator::Impl::fill(FrameState& state, const std::vector<Source>& targets
     if (!options.checked && !node.node->has_effect() && cache->find(state.keys[i], result)) {
       state.round.values[i] = std::move(result.outputs);
       state.times[i].push_back({node.name, 0, true});
-      state.keep(result.warnings);
+      state.warnings[i] = std::move(result.warnings);
       continue;
     }
     lacking.push_back(static_cast<int>(i));
@@ -259,7 +259,10 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
   const PlanNode& node = node_at(i);
   const auto index = static_cast<size_t>(i);
   for (const auto& port : node.inputs)
-    for (const Source source : port) state.failed[index] |= state.failed[static_cast<size_t>(source.node)];
+    for (const Source source : port) {
+      state.failed[index] |= state.failed[static_cast<size_t>(source.node)];
+      merge(state.warnings[index], state.warnings[static_cast<size_t>(source.node)]);
+    }
   if (state.failed[index]) return;
   try {
     const auto start = std::chrono::steady_clock::now();
@@ -271,10 +274,10 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
     state.times[index].push_back({node.name, seconds_since(start), false});
     seconds[index] += state.times[index].back().seconds;
     for (NodeTime& part : context.parts) state.times[index].push_back(std::move(part));
-    state.keep(context.warnings);
+    merge(state.warnings[index], context.warnings);
     if (node.node->has_effect()) return;
     if (Cache::Result cached; options.checked && cache->find(state.keys[index], cached)) context.compare(cached);
-    cache->store(state.keys[index], {context.outputs(), std::move(context.warnings)});
+    cache->store(state.keys[index], {context.outputs(), state.warnings[index]});
   } catch (...) {
     state.failed[index] = true;
     state.errors[index] = error_in_flight(node.where);
@@ -319,9 +322,7 @@ FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outpu
   }
   for (auto& times : state.times)
     for (NodeTime& time : times) result.times.push_back(std::move(time));
-  std::sort(state.warnings.begin(), state.warnings.end());
-  state.warnings.erase(std::unique(state.warnings.begin(), state.warnings.end()), state.warnings.end());
-  result.warnings = std::move(state.warnings);
+  for (const auto& warnings : state.warnings) merge(result.warnings, warnings);
   result.seconds = seconds_since(start);
   return result;
 }

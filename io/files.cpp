@@ -29,6 +29,7 @@ std::string reason(int error) {
     case EPERM: return "permission denied";
     case ENOSPC: return "no space left on the device";
     case EDQUOT: return "the disk quota is used up";
+    case EFBIG: return "the file would be larger than this process may write";
     case EROFS: return "the file system is read-only";
     case ENOTDIR: return "a part of the path is a file, not a folder";
     case EISDIR: return "it is a folder";
@@ -48,6 +49,7 @@ std::string remedy_for_writing(int error) {
     case EROFS: return "choose a folder that you may write to";
     case ENOSPC:
     case EDQUOT: return "free some space or choose another disk";
+    case EFBIG: return "raise the limit (ulimit -f)";
   }
   return "check the path";
 }
@@ -160,6 +162,9 @@ std::string read_whole_file(const std::string& path) {
 Key file_content_key(const std::string& path) {
   static std::mutex mutex;
   static std::map<std::string, std::pair<FileStamp, Key>> known;
+  // Inputs are read once for their key and once for their contents, which a pipe cannot give; opening one without a writer would wait for ever.
+  if (struct stat status {}; ::stat(path.c_str(), &status) == 0 && (S_ISFIFO(status.st_mode) || S_ISSOCK(status.st_mode)))
+    throw Error(ErrorCode::kFile, in_file(path), "cannot be read: it is a pipe", "save what it gives as a file");
   const OpenFile file(path);
   const FileStamp stamp = stamp_of(file.status());
   const bool regular = S_ISREG(file.status().st_mode);

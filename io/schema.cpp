@@ -241,7 +241,12 @@ std::string graph_schema(const Registry& registry) {
 std::string node_title(const NodeType& type) {
   std::string title = type.manual.substr(0, type.manual.find("\n\n"));
   std::replace(title.begin(), title.end(), '\n', ' ');
-  if (const size_t stop = title.find(". "); stop != std::string::npos) title.resize(stop);
+  // The first sentence; "eq. 4" does not end one.
+  for (size_t stop = title.find(". "); stop != std::string::npos; stop = title.find(". ", stop + 1))
+    if (stop + 2 == title.size() || !std::isdigit(static_cast<unsigned char>(title[stop + 2]))) {
+      title.resize(stop);
+      break;
+    }
   while (!title.empty() && (title.back() == '.' || title.back() == ' ')) title.pop_back();
   return title;
 }

@@ -176,7 +176,7 @@ void check_memory(Executor& executor, const SdfPlan& plan, DistanceAt distance) 
   throw Error(ErrorCode::kMemory,
               fmt::format("a signed distance field with voxels of {:.4g} would take about {} to build, more than the limit of {}",
                           plan.voxel_size * plan.world_scale, in_mib(estimate), in_mib(static_cast<double>(plan.memory_limit))),
-              fmt::format("voxel size {:.3g} fits; or raise the memory limit", fits * plan.world_scale));
+              fmt::format("a voxel size of {:.3g} fits; or raise memory_limit", fits * plan.world_scale));
 }
 
 Sdf Builder::build() {
@@ -204,7 +204,7 @@ Sdf Builder::build() {
   });
   if (kept.load() * kLeafBytes > plan_.memory_limit)
     throw Error(ErrorCode::kMemory, fmt::format("a signed distance field with voxels of {:.4g} takes more than the limit of {}", plan_.voxel_size * plan_.world_scale,
-                                                in_mib(static_cast<double>(plan_.memory_limit))), "take a larger voxel size, or raise the memory limit");
+                                                in_mib(static_cast<double>(plan_.memory_limit))), "take a larger voxel size, or raise memory_limit");
 
   auto grid = openvdb::FloatGrid::create(static_cast<float>(plan_.band * plan_.voxel_size));
   for (auto& leaf : leaves)

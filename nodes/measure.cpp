@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "graph/registry.h"
@@ -31,7 +32,7 @@ Lengths and volumes are in world units; names that end in _relative are fraction
   displacement_max                      how far the vertex that went farthest went
 
 Depths are exact where the collider's triangles are known (mesh_to_sdf gives them along), else they are samples of the SDF. Faces can be deeper than vertices:
-contact is made at M's vertices. Other reports are merged in, later ones last. `volume_change`, for pictures, is H's local volume over its rest volume minus
+contact is made at M's vertices. A body that lies in the colliders with every vertex at rest has no right way out; a warning says so. Other reports are merged in, later ones last. `volume_change`, for pictures, is H's local volume over its rest volume minus
 1, at M's vertices; it needs `lattice` too, and is 0 without.)";
 
 class Measure : public Node {
@@ -58,7 +59,7 @@ class Measure : public Node {
       figures.set(name, value);
       if (diagonal > 0) figures.set(name + "_relative", value / diagonal);
     };
-    measure_contact(context, after, with_relative, figures);
+    measure_contact(context, before, after, with_relative, figures);
     measure_volume(context, before, after, diagonal, figures);
     with_relative("displacement_max", largest_displacement(context.executor(), before, after));
     context.set(change, Weights{measure_body(context, after, figures)});
@@ -69,7 +70,7 @@ class Measure : public Node {
 
  private:
   template <class WithRelative>
-  void measure_contact(Context& context, const Surface& after, const WithRelative& with_relative, Report& figures) const {
+  void measure_contact(Context& context, const Surface& before, const Surface& after, const WithRelative& with_relative, Report& figures) const {
     if (context.count(sdf) == 0) return;
     ColliderDistance colliders;
     for (size_t i = 0; i < context.count(sdf); ++i) {
@@ -90,6 +91,10 @@ class Measure : public Node {
     with_relative("penetration_rms", depth.vertices_rms);
     figures.set("vertices_inside", static_cast<double>(depth.vertices_inside));
     if (face_samples() > 0) with_relative("penetration_faces_max", depth.faces_max);
+    const std::span<const Vec3f> at_rest = before.points.host();
+    const auto swallowed = [&](const Vec3f& point) { return colliders(before.placement.apply(to_double(point))) < 0; };
+    if (!at_rest.empty() && std::all_of(at_rest.begin(), at_rest.end(), swallowed))
+      context.warn("the colliders swallow the body: every vertex lies inside them at rest, and is pushed out wherever it is nearest; move or shrink the collider");
   }
 
   static void measure_volume(Context& context, const Surface& before, const Surface& after, double diagonal, Report& figures) {

@@ -273,6 +273,15 @@ TEST_F(EvaluatorTest, RepeatsWarningsFromTheCacheOncePerFrame) {
   EXPECT_EQ(evaluator.figures().evaluations.at("warns"), 1u);
 }
 
+TEST_F(EvaluatorTest, RepeatsTheWarningsOfAllThatACachedNodeStandsOn) {
+  Evaluator evaluator(plan_of("  v: {type: value}\n  x: {type: warns, in: v}\n  y: {type: add, a: x, b: v}\n  z: {type: add, a: y, b: v}\n  w: {type: write, in: z}"));
+  std::vector<std::vector<std::string>> warnings;
+  evaluator.evaluate_frames({1, 2}, {"v"}, true, [&](const FrameResult& result) { warnings.push_back(result.warnings); });
+  warnings.push_back(evaluator.evaluate(1, {"z"}).warnings);
+  for (const auto& each : warnings) EXPECT_THAT(each, ElementsAre("node 'x': a curious number"));
+  EXPECT_EQ(warnings.size(), 3u);
+}
+
 TEST_F(EvaluatorTest, SharesPartsBetweenFramesAndMakesThemOnce) {
   const auto three = make_cpu_executor(3);
   EvaluatorOptions options;

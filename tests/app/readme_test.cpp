@@ -1,0 +1,64 @@
+// What README.md says is what the program does.
+#include "tests/app/program.h"
+
+namespace program_test {
+
+class Readme : public Program {
+ protected:
+  // The text between two marks, the first of which is the line's end.
+  static std::string between(const std::string& text, const std::string& first, const std::string& last) {
+    const size_t from = text.find(first);
+    if (from == std::string::npos) return {};
+    const size_t start = text.find('\n', from + first.size()) + 1, end = text.find(last, start);
+    return end == std::string::npos ? std::string() : text.substr(start, end - start);
+  }
+  const std::string text_ = text_of(KNEAD_SOURCE_DIR "/README.md");
+};
+
+TEST_F(Readme, HasTheNodeTableThatTheDeclarationsGive) {
+  const std::string table = between(text_, "<!-- made by `knead nodes --markdown` -->", "<!-- end -->");
+  ASSERT_NE(table, "");
+  EXPECT_EQ(table, knead({"nodes", "--markdown"}).out) << "paste the output of `knead nodes --markdown` between the two comments";
+}
+
+TEST_F(Readme, HasAGraphThatRunsAsItStands) {
+  const std::string graph = between(text_, "```yaml\nknead: 1", "```");
+  ASSERT_NE(graph, "");
+  put("press.yaml", "knead: 1\n" + graph);
+  put("make.yaml", R"(knead: 1
+nodes:
+  head: {type: primitive, shape: blob, height: 2, resolution: 12}
+  fist: {type: primitive, shape: sphere, radius: 0.4, resolution: 3}
+  head_file: {type: write_mesh, surface: head, path: head.obj}
+  fist_file: {type: write_mesh, surface: fist, path: fist.obj}
+)");
+  ASSERT_EQ(knead({"run", "make.yaml", "-q"}).status, 0);
+  const Ended ended = knead({"run", "press.yaml", "--frames", "24", "--set", "press.max_iterations=5", "--set", "solid.resolution=16", "--set", "press.max_depth=4"});
+  EXPECT_EQ(ended.status, 0) << ended.err;
+  EXPECT_EQ(ended.err, "");
+  EXPECT_TRUE(fs::exists(folder_ / "out/head.0024.obj"));
+  EXPECT_GT(stats().at(0).at("displacement_max"), 0);
+}
+
+TEST_F(Readme, ShowsTheMessageThatAMistakeGives) {
+  std::string lines = "knead: 1\n" + between(text_, "```yaml\nknead: 1", "```");
+  const size_t at = lines.find("stiffness");
+  ASSERT_NE(at, std::string::npos);
+  put("press.yaml", lines.replace(at, 9, "stifness"));
+  const Ended ended = knead({"check", "press.yaml"});
+  EXPECT_EQ(ended.status, 1);
+  ASSERT_NE(ended.err, "");
+  EXPECT_THAT(text_, HasSubstr("```\n" + ended.err + "```")) << "README.md shows another message";
+}
+
+TEST_F(Readme, NamesEveryCommandAndOptionOfRun) {
+  const std::string help = knead({"run", "--help"}).out;
+  const std::string program = between(text_, "## The program", "## Nodes");
+  for (const char* option : {"--frames", "--device", "--threads", "--set", "--out", "--resume"}) {
+    EXPECT_THAT(help, HasSubstr(option));
+    EXPECT_THAT(program, HasSubstr(option));
+  }
+  for (const char* command : {"run", "check", "graph", "nodes", "info"}) EXPECT_THAT(program, HasSubstr(std::string("knead ") + command));
+}
+
+}  // namespace program_test
