@@ -17,7 +17,7 @@ struct TetBuildOptions {
   int max_depth = 6;     // 1 to kDeepestOctree
   int min_depth = 3;     // 0 to max_depth; at most 8
   int max_vertices = 4;  // of M in a cell above max_depth
-  bool split_pieces = true;
+  bool split_pieces = false;
   LatticeKind lattice = LatticeKind::kBarycentric;
 };
 

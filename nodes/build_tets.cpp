@@ -34,8 +34,8 @@ positive. Inside is where the winding number is beyond one half either way, so t
 is said in a warning.
 
 `split_pieces` gives a cell a copy for each connected piece of material in it, so that fingers or lips closer than a cell come apart (Molino et al.
-2004, Nesme et al. 2009); cells that only touch without material in between hold together only round a common edge. Without it, what shares a cell
-moves as one.
+2004, Nesme et al. 2009); cells that only touch without material in between hold together only round a common edge. Without it, the default, what
+shares a cell moves as one: loose shells such as eyebrows and buttons then go with the skin under them, which split ones do not.
 
 `lattice` is how M rides in H: `barycentric` in the tet that holds the vertex, `trilinear` in the cell's corners, `mean_value` in the cell as a
 closed cage (Ju et al. 2005). A head of 20,000 vertices bent by a quarter turn and dented by a Gaussian, given at H's vertices, against the exact
