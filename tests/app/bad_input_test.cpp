@@ -285,6 +285,15 @@ TEST_F(BadInput, AFileSizeLimitLeavesNothingHalfWritten) {
   EXPECT_THAT(files_in("out"), IsEmpty());
 }
 
+TEST_F(BadInput, CollidersThatNeverTouchAreSaidToBe) {
+  Ended ended = run("press.yaml", {"motion.translate=[0, 50, 0]"});
+  EXPECT_EQ(ended.status, 0);
+  EXPECT_EQ(ended.err, "");
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("frame 2: "), HasSubstr("no contact"), HasSubstr("nothing touched the body")));
+  ended = run("press.yaml");
+  EXPECT_THAT(ended.out, AllOf(HasSubstr(" iterations, "), Not(HasSubstr("no contact")), Not(HasSubstr("nothing touched"))));
+}
+
 TEST_F(BadInput, CheckNamesInputsThatAreNotThere) {
   fs::remove(folder_ / "body.obj");
   const Ended ended = knead({"check", "press.yaml"});
