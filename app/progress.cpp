@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <optional>
 
 #include "graph/report.h"
 
@@ -20,12 +21,21 @@ bool is_terminal() {
   return ::isatty(STDOUT_FILENO) && kind && std::strcmp(kind, "dumb") != 0;
 }
 
+// Whether anything was pushed, from the first report that tells.
+std::optional<bool> touched(const FrameResult& result) {
+  for (const auto& [name, value] : result.values)
+    if (const Report* report = value.get_if<Report>())
+      if (const double moved = report->number("displacement_max"); std::isfinite(moved)) return moved > 0;
+  return std::nullopt;
+}
+
 // "118 iterations, at rest", from the first report that tells.
 std::string ended_text(const FrameResult& result) {
+  if (touched(result) == false) return ", no contact";
   for (const auto& [name, value] : result.values)
     if (const Report* report = value.get_if<Report>())
       if (const double iterations = report->number("iterations"); std::isfinite(iterations) && !report->word("ended").empty())
-        return fmt::format(", {:.0f} iterations, {}", iterations, report->word("ended"));
+        return fmt::format(", {:.0f} iteration{}, {}", iterations, iterations == 1 ? "" : "s", report->word("ended"));
   return {};
 }
 
@@ -53,6 +63,7 @@ double Progress::seconds() const {
 
 void Progress::frame_done(const FrameResult& result) {
   ++done_;
+  if (const std::optional<bool> contact = touched(result)) ++(*contact ? touched_ : untouched_);
   for (const std::string& warning : result.warnings) warn(warning);
   if (result.error) error(fmt::format("frame {}: {}", result.frame, result.error->what()));
   if (live_) {

@@ -151,6 +151,8 @@ int run(const RunArguments& arguments) {
   figures.finish();
   progress.end_line();
   if (!arguments.quiet) print_summary(arguments, evaluator, counts, progress.seconds(), stats.path());
+  if (!arguments.quiet && progress.without_contact())
+    fmt::print("nothing touched the body in any of these frames: are body and colliders of one size, and does the motion lead to the body?\n");
   if (interrupted() && counts.good + counts.failed + counts.skipped < frames.size()) {
     spdlog::error("interrupted: {} of {} frames are complete; the same command with --resume goes on from here", counts.good + counts.skipped,
                   frames.size());

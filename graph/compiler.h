@@ -49,7 +49,7 @@ struct Scope {
   std::optional<std::map<std::string, Source>> states;     // of the loop
   std::optional<std::map<std::string, Reference>> inputs;  // of the group
   std::map<std::string, Literal> parameters;
-  std::map<std::string, Where> given;  // where the user of the group set them; defaults are not there
+  std::map<std::string, Where> given;           // where the user of the group set them; defaults are not there
   std::map<std::pair<int, int>, int> captured;  // parent's source -> external of plan
   std::vector<std::string> groups;              // files of the groups it stands in, outermost first
 };
@@ -111,9 +111,9 @@ class Compiler {
 
   const CompileOptions& options_;
   const Registry& registry_;
-  std::deque<Literal> substituted_;  // arguments that are not as they stand in the file
+  std::deque<Literal> substituted_;        // arguments that are not as they stand in the file
   std::map<const Literal*, Where> given_;  // of those in substituted_ that a group was given
-  std::vector<std::string> stack_;   // names of the nodes under way
+  std::vector<std::string> stack_;         // names of the nodes under way
   std::vector<Error> errors_;
   std::set<size_t> used_overrides_;
   std::vector<std::string> opaque_;            // prefixes of what could not be looked into: --set for something in there is not blamed

@@ -163,7 +163,7 @@ Key file_content_key(const std::string& path) {
   static std::mutex mutex;
   static std::map<std::string, std::pair<FileStamp, Key>> known;
   // Inputs are read once for their key and once for their contents, which a pipe cannot give; opening one without a writer would wait for ever.
-  if (struct stat status {}; ::stat(path.c_str(), &status) == 0 && (S_ISFIFO(status.st_mode) || S_ISSOCK(status.st_mode)))
+  if (struct stat status{}; ::stat(path.c_str(), &status) == 0 && (S_ISFIFO(status.st_mode) || S_ISSOCK(status.st_mode)))
     throw Error(ErrorCode::kFile, in_file(path), "cannot be read: it is a pipe", "save what it gives as a file");
   const OpenFile file(path);
   const FileStamp stamp = stamp_of(file.status());

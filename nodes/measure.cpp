@@ -32,8 +32,9 @@ Lengths and volumes are in world units; names that end in _relative are fraction
   displacement_max                      how far the vertex that went farthest went
 
 Depths are exact where the collider's triangles are known (mesh_to_sdf gives them along), else they are samples of the SDF. Faces can be deeper than vertices:
-contact is made at M's vertices. A body that lies in the colliders with every vertex at rest has no right way out; a warning says so. Other reports are merged in, later ones last. `volume_change`, for pictures, is H's local volume over its rest volume minus
-1, at M's vertices; it needs `lattice` too, and is 0 without.)";
+contact is made at M's vertices. A body that lies in the colliders with every vertex at rest has no right way out; a warning says so. Other reports are
+merged in, later ones last. `volume_change`, for pictures, is H's local volume over its rest volume minus 1, at M's vertices; it needs `lattice` too, and is 0
+without.)";
 
 class Measure : public Node {
  public:
@@ -94,7 +95,8 @@ class Measure : public Node {
     const std::span<const Vec3f> at_rest = before.points.host();
     const auto swallowed = [&](const Vec3f& point) { return colliders(before.placement.apply(to_double(point))) < 0; };
     if (!at_rest.empty() && std::all_of(at_rest.begin(), at_rest.end(), swallowed))
-      context.warn("the colliders swallow the body: every vertex lies inside them at rest, and is pushed out wherever it is nearest; move or shrink the collider");
+      context.warn("the colliders swallow the body: every vertex lies inside them at rest, and is pushed out wherever it is nearest; "
+                   "move or shrink the collider");
   }
 
   static void measure_volume(Context& context, const Surface& before, const Surface& after, double diagonal, Report& figures) {

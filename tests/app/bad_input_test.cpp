@@ -1,5 +1,5 @@
-// Bad input, case by case, as design.md's last section lists it: a clear message that names the place and what to do, the right exit status, nothing half
-// written, no crash, and no number in an output that is none.
+// Bad input, case by case, as design.md's last section lists it: a clear message that names the place and what to do, the right exit status, nothing
+// half written, no crash, and no number in an output that is none.
 #include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -125,10 +125,13 @@ TEST_F(BadInput, DamagedFilesMadeHere) {
   bad("huge.obj", "v 0 0 0\nv 1e300 0 0\nv 0 1 0\nf 1 2 3\n", "huge.obj");
   bad("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "no finite number");
   bad("flat.obj", "v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "flat.obj");
-  bad("count.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\nproperty float z\nend_header\n\1\2", "count.ply");
+  bad("count.ply",
+      "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\nproperty float z\nend_header\n\1\2",
+      "count.ply");
   bad("count.stl", std::string(80, 'x') + "\xff\xff\xff\x7f" + std::string(50, 'y'), "count.stl");
   put("cut.vdb", text_of(folder_ / "body.obj"));
-  const Ended ended = knead({"run", put("vdb.yaml", "knead: 1\nnodes:\n  a: {type: read_vdb, path: cut.vdb}\n  b: {type: write_vdb, sdf: a, path: o.vdb}\n")});
+  const Ended ended =
+      knead({"run", put("vdb.yaml", "knead: 1\nnodes:\n  a: {type: read_vdb, path: cut.vdb}\n  b: {type: write_vdb, sdf: a, path: o.vdb}\n")});
   EXPECT_EQ(ended.status, 2);
   EXPECT_THAT(ended.err, HasSubstr("cut.vdb"));
   EXPECT_FALSE(fs::exists(folder_ / "o.vdb"));
@@ -236,9 +239,12 @@ TEST_F(BadInput, FramesOutOfRange) {
   put("keys.yaml", "knead: 1\nnodes:\n  a: {type: primitive}\n  b: {type: transform, mesh: a, keys: {1: {scale: 1}, one: {scale: 2}}}\n");
   EXPECT_EQ(knead({"check", "keys.yaml"}).status, 1);
   // Before the first key and after the last the motion stands still.
-  const Ended ended = knead({"run", put("still.yaml", "knead: 1\nnodes:\n  a: {type: primitive, shape: box}\n  b: {type: transform, mesh: a, keys: {1: {translate: [1, 0, 0]}}}\n"
-                                                      "  c: {type: write_mesh, surface: b, path: f.#.obj}\n"),
-                             "--frames", "-2000000000,1,2000000000"});
+  const Ended ended =
+      knead({"run",
+             put("still.yaml",
+                 "knead: 1\nnodes:\n  a: {type: primitive, shape: box}\n  b: {type: transform, mesh: a, keys: {1: {translate: [1, 0, 0]}}}\n"
+                 "  c: {type: write_mesh, surface: b, path: f.#.obj}\n"),
+             "--frames", "-2000000000,1,2000000000"});
   EXPECT_EQ(ended.status, 0) << ended.err;
   EXPECT_EQ(text_of(folder_ / "f.-2000000000.obj"), text_of(folder_ / "f.1.obj"));
   EXPECT_EQ(text_of(folder_ / "f.2000000000.obj"), text_of(folder_ / "f.1.obj"));
@@ -276,13 +282,22 @@ TEST_F(BadInput, AFullDiskLeavesNothingHalfWritten) {
 TEST_F(BadInput, AFileSizeLimitLeavesNothingHalfWritten) {
   struct rlimit before {};
   ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
-  const struct rlimit small {8192, before.rlim_max};
+  const struct rlimit small { 8192, before.rlim_max };
   ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
   const Ended ended = run("press.yaml");
   ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &before), 0);
   EXPECT_EQ(ended.status, 2);
   EXPECT_THAT(ended.err, HasSubstr("larger than this process may write"));
   EXPECT_THAT(files_in("out"), IsEmpty());
+}
+
+TEST_F(BadInput, CollidersThatNeverTouchAreSaidToBe) {
+  Ended ended = run("press.yaml", {"motion.translate=[0, 50, 0]"});
+  EXPECT_EQ(ended.status, 0);
+  EXPECT_EQ(ended.err, "");
+  EXPECT_THAT(ended.out, AllOf(HasSubstr("frame 2: "), HasSubstr("no contact"), HasSubstr("nothing touched the body")));
+  ended = run("press.yaml");
+  EXPECT_THAT(ended.out, AllOf(HasSubstr(" iterations, "), Not(HasSubstr("no contact")), Not(HasSubstr("nothing touched"))));
 }
 
 TEST_F(BadInput, CheckNamesInputsThatAreNotThere) {

@@ -33,7 +33,8 @@ nodes:
   fist_file: {type: write_mesh, surface: fist, path: fist.obj}
 )");
   ASSERT_EQ(knead({"run", "make.yaml", "-q"}).status, 0);
-  const Ended ended = knead({"run", "press.yaml", "--frames", "24", "--set", "press.max_iterations=5", "--set", "solid.resolution=16", "--set", "press.max_depth=4"});
+  const Ended ended =
+      knead({"run", "press.yaml", "--frames", "24", "--set", "press.max_iterations=5", "--set", "solid.resolution=16", "--set", "press.max_depth=4"});
   EXPECT_EQ(ended.status, 0) << ended.err;
   EXPECT_EQ(ended.err, "");
   EXPECT_TRUE(fs::exists(folder_ / "out/head.0024.obj"));

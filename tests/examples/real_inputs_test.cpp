@@ -1,4 +1,5 @@
-// Real meshes of the shared data, in graphs as a newcomer writes them after reading README.md: dented, bulged, nothing inside, no number that is none.
+// Real meshes of the shared data, in graphs as a newcomer writes them after reading README.md: dented, bulged, nothing inside, no number that is
+// none.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -63,9 +64,11 @@ double deepest_inside(const std::vector<Vec3d>& points, const std::vector<Vec3d>
       const double la = length(a), lb = length(b), lc = length(c);
       angle += 2 * std::atan2(dot(a, cross(b, c)), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb);
       const Vec3d normal = cross(b - a, c - a), zero{0, 0, 0};
-      const bool above = dot(cross(b - a, zero - a), normal) >= 0 && dot(cross(c - b, zero - b), normal) >= 0 && dot(cross(a - c, zero - c), normal) >= 0;
-      nearest = std::min(nearest, above ? std::abs(dot(a, normal)) / length(normal)
-                                        : std::min({distance_to_segment(zero, a, b), distance_to_segment(zero, b, c), distance_to_segment(zero, c, a)}));
+      const bool above =
+          dot(cross(b - a, zero - a), normal) >= 0 && dot(cross(c - b, zero - b), normal) >= 0 && dot(cross(a - c, zero - c), normal) >= 0;
+      nearest =
+          std::min(nearest, above ? std::abs(dot(a, normal)) / length(normal)
+                                  : std::min({distance_to_segment(zero, a, b), distance_to_segment(zero, b, c), distance_to_segment(zero, c, a)}));
     }
     if (angle > 2 * M_PI) deepest = std::max(deepest, nearest);
   }
@@ -104,8 +107,8 @@ Figures pressed(const Press& press) {
 }
 
 TEST_F(RealInputs, AFistDentsTheHead) {
-  const Figures figures = pressed({"heads/head_ict_2400.obj", "colliders/fist_3000.obj",
-                                   "scale: 8, keys: {1: {translate: [0, 2, 30]}, 12: {translate: [0, 2, 12]}}", 3, 12});
+  const Figures figures = pressed(
+      {"heads/head_ict_2400.obj", "colliders/fist_3000.obj", "scale: 8, keys: {1: {translate: [0, 2, 30]}, 12: {translate: [0, 2, 12]}}", 3, 12});
   EXPECT_LT(std::abs(figures.volume_error), 0.01);
   EXPECT_GT(figures.dent, 0.015);
   EXPECT_GT(figures.bulge, 0.001);
@@ -130,7 +133,8 @@ TEST_F(RealInputs, ATorusDentsTheKoala) {
 
 // The press of shared/data/press, against which other systems were measured.
 TEST_F(RealInputs, ASphereIsPressedIntoThePinnedBlock) {
-  Evaluator evaluator(plan_of("  block: {type: read_mesh, path: " KNEAD_SHARED_DATA "/press/block10.obj}\n" R"(
+  Evaluator evaluator(plan_of("  block: {type: read_mesh, path: " KNEAD_SHARED_DATA "/press/block10.obj}\n"
+                              R"(
   ball:  {type: primitive, shape: sphere, radius: 0.35, centre: [0.03, 0.02, 1.0]}
   solid: {type: mesh_to_sdf, mesh: ball}
   floor: {type: weights, surface: block, region: plane, point: [0, 0, 0.001], normal: [0, 0, 1]}

@@ -274,7 +274,9 @@ TEST_F(EvaluatorTest, RepeatsWarningsFromTheCacheOncePerFrame) {
 }
 
 TEST_F(EvaluatorTest, RepeatsTheWarningsOfAllThatACachedNodeStandsOn) {
-  Evaluator evaluator(plan_of("  v: {type: value}\n  x: {type: warns, in: v}\n  y: {type: add, a: x, b: v}\n  z: {type: add, a: y, b: v}\n  w: {type: write, in: z}"));
+  Evaluator evaluator(
+      plan_of("  v: {type: value}\n  x: {type: warns, in: v}\n  y: {type: add, a: x, b: v}\n"
+              "  z: {type: add, a: y, b: v}\n  w: {type: write, in: z}"));
   std::vector<std::vector<std::string>> warnings;
   evaluator.evaluate_frames({1, 2}, {"v"}, true, [&](const FrameResult& result) { warnings.push_back(result.warnings); });
   warnings.push_back(evaluator.evaluate(1, {"z"}).warnings);

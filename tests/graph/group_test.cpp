@@ -159,9 +159,12 @@ TEST(Group, SaysWhatIsWrongWithItsUse) {
 }
 
 TEST(Group, NamesThePlaceWhereAParameterWasGiven) {
-  const Files files{{"inner", "knead: 1\ninputs: {a: Numbers}\nparameters: {by: 1}\nnodes:\n  s: {type: add, a: inputs.a, offset: $by}\n  t: {type: add, a: s, "
-                              "offset: $by}\noutputs: {t: t}\n"},
-                    {"outer", "knead: 1\ninputs: {a: Numbers}\nparameters: {much: 1}\nnodes:\n  i: {type: group, path: inner, a: inputs.a, by: $much}\noutputs: {i: i}\n"}};
+  const Files files{
+      {"inner",
+       "knead: 1\ninputs: {a: Numbers}\nparameters: {by: 1}\nnodes:\n  s: {type: add, a: inputs.a, offset: $by}\n  t: {type: add, a: s, "
+       "offset: $by}\noutputs: {t: t}\n"},
+      {"outer",
+       "knead: 1\ninputs: {a: Numbers}\nparameters: {much: 1}\nnodes:\n  i: {type: group, path: inner, a: inputs.a, by: $much}\noutputs: {i: i}\n"}};
   EXPECT_THAT(errors_of("  v: {type: value}\n  g: {type: group, path: outer, a: v, much: lots}\n  h: {type: add, a: g}", files),
               ElementsAre(HasSubstr("t.yaml:4:45, node 'g', 'much': expected a number, found a text")));
 }

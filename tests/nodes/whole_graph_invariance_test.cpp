@@ -1,11 +1,11 @@
 // Moving, turning, scaling or renumbering the whole scene changes the result by rounding only.
 //
-// Positions are float32 in a local space of about the body's size, H is built from whole numbers of cells, and the loop is a contraction round the same
-// contacts, so rounding of the inputs (6e-8 of the body) is carried along and not blown up: 0.5e-7 to 3e-7 of the diagonal was measured. kRounding allows ten
-// times that. It holds at the default stop too, as long as no frame ends within rounding of the threshold.
+// Positions are float32 in a local space of about the body's size, H is built from whole numbers of cells, and the loop is a contraction round the
+// same contacts, so rounding of the inputs (6e-8 of the body) is carried along and not blown up: 0.5e-7 to 3e-7 of the diagonal was measured.
+// kRounding allows ten times that. It holds at the default stop too, as long as no frame ends within rounding of the threshold.
 //
-// Turned by a transform node the body keeps its own space, and its bits. A mesh that was turned before it was written gets another octree, since that is
-// aligned with the mesh's axes; then the discretisation differs, and the result by less than a cell at the worst vertex: kOtherCells.
+// Turned by a transform node the body keeps its own space, and its bits. A mesh that was turned before it was written gets another octree, since that
+// is aligned with the mesh's axes; then the discretisation differs, and the result by less than a cell at the worst vertex: kOtherCells.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -48,7 +48,8 @@ Mesh primitive(const std::string& shape, double radius) {
 class WholeGraphInvariance : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = fs::temp_directory_path() / ("knead_invariance_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) + std::to_string(::getpid()));
+    folder_ = fs::temp_directory_path() /
+              ("knead_invariance_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) + std::to_string(::getpid()));
     fs::create_directories(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }
@@ -63,7 +64,8 @@ class WholeGraphInvariance : public testing::Test {
   }
 
   // The pressed blob, in world coordinates; `motion` arguments go to a transform node over body and collider.
-  std::vector<Vec3d> pressed(const Mesh& body, const Mesh& ball, double size, const Literal::Map& motion = {}, int iterations = 40, double threshold = 0) const {
+  std::vector<Vec3d> pressed(const Mesh& body, const Mesh& ball, double size, const Literal::Map& motion = {}, int iterations = 40,
+                             double threshold = 0) const {
     GraphSpec graph;
     graph.add("body_file", "read_mesh", {{"path", write("body.obj", body)}}).add("ball_file", "read_mesh", {{"path", write("ball.obj", ball)}});
     Literal::Map of_body{{"mesh", "body_file"}}, of_ball{{"mesh", "ball_file"}};
@@ -71,8 +73,9 @@ class WholeGraphInvariance : public testing::Test {
     of_ball.insert(of_ball.end(), motion.begin(), motion.end());
     graph.add("body", "transform", of_body).add("ball", "transform", of_ball);
     graph.add("solid", "mesh_to_sdf", {{"mesh", "ball"}, {"voxel_size", 0.05 * size}});
-    graph.add("press", "deform",
-              {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}, {"max_iterations", iterations}, {"threshold", threshold}, {"margin", 0.01 * size}});
+    graph.add(
+        "press", "deform",
+        {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}, {"max_iterations", iterations}, {"threshold", threshold}, {"margin", 0.01 * size}});
     Evaluator evaluator(compile(graph));
     const Surface result = evaluator.get<Surface>("press.surface", 1);
     EXPECT_EQ(evaluator.get<Report>("press.report", 1).number("vertices_inside"), 0);
@@ -151,7 +154,8 @@ TEST_F(WholeGraphInvariance, OfRigidMotionAndScaleOfTheScene) {
     const auto moved = pressed(body_, ball_, scale, {{"rotate", rotate}, {"translate", translate}, {"scale", scale}});
     // The motion as the transform node makes it, taken from four of the rest shape's own points.
     GraphSpec graph;
-    graph.add("file", "read_mesh", {{"path", write("rest.obj", body_)}}).add("body", "transform", {{"mesh", "file"}, {"rotate", rotate}, {"translate", translate}, {"scale", scale}});
+    graph.add("file", "read_mesh", {{"path", write("rest.obj", body_)}})
+        .add("body", "transform", {{"mesh", "file"}, {"rotate", rotate}, {"translate", translate}, {"scale", scale}});
     const Surface rest = Evaluator(compile(graph)).get<Surface>("body", 1);
     EXPECT_LT(difference(mapped(expected, rest.placement), moved), kRounding) << scale;
   }

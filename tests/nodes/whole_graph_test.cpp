@@ -1,5 +1,5 @@
-// The main job as a whole, from meshes to the deformed surface: the same bytes whatever the order, the threads and the executor; nothing touched where
-// nothing touches; nothing computed again that an edit does not reach.
+// The main job as a whole, from meshes to the deformed surface: the same bytes whatever the order, the threads and the executor; nothing touched
+// where nothing touches; nothing computed again that an edit does not reach.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
