@@ -109,6 +109,7 @@ struct TetMesh {
   Buffer<std::array<uint32_t, 2>> edges;  // a < b, sorted
   Buffer<float> rest_lengths;         // L, per edge, cells
   NeighbourTable vertex_tets;         // three other corners in an order that keeps the orientation (see restore_volume); values V0
+  NeighbourTable vertex_strips;       // the same tets as strips, one new vertex per entry (kernels/strips.h); values V0, signed
   NeighbourTable vertex_edges;        // the other end; values L
   Buffer<float> lane_volumes;         // [lanes of vertex_tets, padded] the volume of the lane's tets, cells^3; 0 in padding lanes
   Similarity to_local;                // tet space to M's local space: scale is the finest cell's edge, no rotation
@@ -174,6 +175,7 @@ KNEAD_PORT_TYPE(Sdf, { f(v.grid); })
 KNEAD_PORT_TYPE(TetMesh, {
   f(v.rest); f(v.tets); f(v.rest_volumes); f(v.edges); f(v.rest_lengths); f(v.lane_volumes);
   each_table_buffer(v.vertex_tets, f);
+  each_table_buffer(v.vertex_strips, f);
   each_table_buffer(v.vertex_edges, f);
 })
 KNEAD_PORT_TYPE(Lattice, {

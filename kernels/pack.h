@@ -34,6 +34,7 @@ struct Lane<float> {
   static KNEAD_HD float root(float v) { return sqrtf(v); }
   static KNEAD_HD float reciprocal(float v) { return 1 / v; }
   static KNEAD_HD double sum(float v) { return v; }
+  static KNEAD_HD bool same_sign(float a, float b) { return copysignf(1.0f, a) == copysignf(1.0f, b); }  // of zeros too
 };
 
 #if defined(__SSE2__) && !defined(__CUDACC__)  // nvcc knows no vector types; a device lane is a float
@@ -99,6 +100,10 @@ struct PackLane {
   static KNEAD_HD F reciprocal(F v) {
     const F rough = detail::rough_reciprocal(v);
     return rough * (2.0f - v * rough);
+  }
+  static KNEAD_HD auto same_sign(F a, F b) {
+    typedef int32_t Bits __attribute__((vector_size(4 * W), may_alias));
+    return ((Bits)a ^ (Bits)b) >= 0;
   }
   static KNEAD_HD double sum(F v) {
     double all = 0;

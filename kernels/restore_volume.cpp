@@ -21,18 +21,18 @@ Buffer<Vec3f> restore_volume(Executor& executor, const Buffer<Vec3f>& points, co
   require_host(executor, "restore_volume");
   require_size(points.size(), tets.vertices(), "restore_volume", "points", "vertices of the tet mesh");
   RestoreVolume body{};
-  body.tets = lane_table(tets.vertex_tets, executor.device());
+  body.strips = lane_table(tets.vertex_strips, executor.device());
   body.regularisation = static_cast<float>(settings.regularisation);
   body.ignored = kRestRounding;
   body.max_step = static_cast<float>(settings.max_step) * tets.mean_edge;
   body.relative = settings.relative;
   Buffer<Vec3f> from = padded(executor, points);
   for (int sweep = 0; sweep < settings.sweeps; ++sweep) {
-    Buffer<Vec3f> to = start_from(executor, from, tets.vertex_tets.lanes);
+    Buffer<Vec3f> to = start_from(executor, from, tets.vertex_strips.lanes);
     body.from = from.view(executor.device()).data();
     body.to = to.data_for_write();
     body.relaxation = static_cast<float>(sweep_relaxation(settings.relaxation, sweep, settings.sweeps));
-    run_lanes(executor, body.tets.lanes, body, loop_lanes(executor).restore_volume);
+    run_lanes(executor, body.strips.lanes, body, loop_lanes(executor).restore_volume);
     from = std::move(to);
   }
   return from;

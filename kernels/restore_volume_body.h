@@ -56,7 +56,7 @@ KNEAD_HD Vec3<F> clamped(const Vec3<F>& v, float longest) {
 struct RestoreVolume {
   const Vec3f* from;  // x, tet space
   Vec3f* to;
-  LaneTable tets;
+  LaneTable strips;  // kernels/strips.h
   float regularisation;
   float relaxation;
   float ignored;   // relative volume errors up to this are the rounding of the rest shape
@@ -67,20 +67,27 @@ struct RestoreVolume {
   KNEAD_HD void lane(uint32_t t) const {
     using L = Lane<F>;
     const F zero{}, one = L::all(1.0f), tiny = L::all(1e-30f);
-    const Vec3<F> a = L::rows(from, tets.order + t);
+    const Vec3<F> a = L::rows(from, strips.order + t);
     VolumeSystem<F> system;
-    for (uint32_t k = 0; tets.has(t, k); ++k) {
-      const size_t entry = tets.entry(t, k);
-      const uint32_t* b = tets.indices + entry;
-      const Vec3<F> d = L::rows(from, b + 2 * tets.entries);
-      const Vec3<F> base = cross(L::rows(from, b) - d, L::rows(from, b + tets.entries) - d);
-      const F six_rest = 6.0f * L::load(tets.values + entry);
-      const F error = dot(d - a, base) - six_rest;
-      const F counted = (error < zero ? -error : error) <= ignored * six_rest ? zero : error;
-      system.add(base, counted, relative ? L::reciprocal(six_rest > tiny ? six_rest : tiny) : one);
+    Vec3<F> p = a, q = a, r = a;
+    F before{};
+    for (uint32_t k = 0; strips.has(t, k); ++k) {
+      const size_t entry = strips.entry(t, k);
+      const F rest = L::load(strips.values + entry);
+      const auto keep = L::same_sign(rest, before);
+      before = rest;
+      p = {keep ? p.x : q.x, keep ? p.y : q.y, keep ? p.z : q.z};
+      q = r;
+      r = L::rows(from, strips.indices + entry);
+      const Vec3<F> base = cross(p - r, q - r);
+      const F six_rest = 6.0f * rest, size = six_rest < zero ? -six_rest : six_rest;
+      const F error = dot(r - a, base) - six_rest;
+      const F counted = (error < zero ? -error : error) <= ignored * size ? zero : error;
+      const F weight = relative ? L::reciprocal(size > tiny ? size : one) : one;
+      system.add(base, counted, size > tiny ? weight : zero);
     }
     const Vec3<F> step = clamped(system.step(regularisation) * L::all(relaxation), max_step);
-    L::put_rows(to, tets.order + t, tets.lanes - t, a + step);
+    L::put_rows(to, strips.order + t, strips.lanes - t, a + step);
   }
   KNEAD_HD void operator()(uint32_t t) const { lane<float>(t); }
 };

@@ -6,6 +6,7 @@
 
 #include "graph/error.h"
 #include "kernels/neighbour_table.h"
+#include "kernels/strips.h"
 
 namespace knead {
 namespace {
@@ -147,6 +148,7 @@ TetMesh make_tet_mesh(const RawTets& raw, const std::array<int32_t, 3>& origin, 
   }
   mesh.mean_edge = static_cast<float>(sum / static_cast<double>(edges.size()));
   mesh.vertex_tets = tet_table(raw.tets, mesh.rest_volumes.host(), lists, executor);
+  mesh.vertex_strips = make_strips(mesh.vertex_tets, executor);
   mesh.lane_volumes = lane_sums(mesh.vertex_tets);
   mesh.vertex_edges = edge_table(edges, mesh.rest_lengths.host(), vertices, executor);
   return mesh;

@@ -57,7 +57,7 @@ void volume(benchmark::State& state) {
   const Body& b = body(static_cast<int>(state.range(0)));
   RestoreVolumeSettings settings;
   settings.sweeps = 1;
-  measure(state, b.built.tets.vertex_tets, [&](Executor& executor) { return restore_volume(executor, b.points, b.built.tets, settings); });
+  measure(state, b.built.tets.vertex_strips, [&](Executor& executor) { return restore_volume(executor, b.points, b.built.tets, settings); });
   state.counters["tets"] = static_cast<double>(b.built.tets.tets.size());
 }
 

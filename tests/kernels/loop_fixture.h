@@ -11,6 +11,7 @@
 #include "kernels/data.h"
 #include "kernels/neighbour_table.h"
 #include "kernels/primitives.h"
+#include "kernels/strips.h"
 
 namespace knead::loop_fixture {
 
@@ -69,6 +70,7 @@ inline TetMesh make_tet_mesh(const std::vector<Vec3f>& x, const std::vector<std:
   mesh.rest_lengths = Buffer<float>(lengths);
   mesh.mean_edge = static_cast<float>(sum / static_cast<double>(std::max<size_t>(1, edges.size())));
   mesh.vertex_tets = table_of<3>(by_vertex, PadIndex::kOwnVertex, Lanes::kAll, executor);
+  mesh.vertex_strips = make_strips(mesh.vertex_tets, executor);
   mesh.lane_volumes = lane_sums(mesh.vertex_tets);
   mesh.vertex_edges = table_of<1>(ends, PadIndex::kOwnVertex, Lanes::kAll, executor);
   return mesh;
