@@ -1,0 +1,353 @@
+#include "kernels/equilibrium.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+
+#include "graph/error.h"
+#include "kernels/collide.h"
+#include "kernels/contact_body.h"
+#include "kernels/energy_lanes.h"
+#include "kernels/equilibrium_rest.h"
+#include "kernels/parallel.h"
+#include "kernels/simd_level.h"
+
+namespace knead {
+namespace {
+
+constexpr int kMemory = 5;             // pairs that L-BFGS remembers
+constexpr double kArmijo = 1e-4;
+constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
+constexpr float kLeastVolume = 0.02f;  // a step may not take a tet's V / V0 below this, or below a fifth of what it is
+constexpr size_t kTetsPerPiece = 1024;
+constexpr size_t kMostPieces = 4096;
+
+using Clock = std::chrono::steady_clock;
+
+struct ScopedTime {
+  explicit ScopedTime(double& to) : sum(to) {}
+  ~ScopedTime() { sum += std::chrono::duration<double>(Clock::now() - start).count(); }
+  double& sum;
+  Clock::time_point start = Clock::now();
+};
+
+// One place of H: the sum of what acts on it.
+struct Gather {
+  const Row4* forces;          // by slot
+  const uint32_t *slot_offsets, *slots;
+  const Row4* u;
+  const float *hold, *free;
+  const Row4* contact;         // by sample; null when nothing pushes
+  const uint32_t *back_offsets, *back_samples;
+  const float* back_weights;
+  Row4* gradient;
+
+  struct Sum {
+    double squares = 0, load = 0, energy = 0;
+  };
+
+  Sum operator()(uint32_t p) const {
+    Pack<4> sum{};
+    for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) sum += *reinterpret_cast<const Pack<4>*>(forces + slots[e]);
+    const Pack<4> at = *reinterpret_cast<const Pack<4>*>(u + p);
+    sum += at * hold[p];
+    Pack<4> push{};
+    if (contact)
+      for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e)
+        push += *reinterpret_cast<const Pack<4>*>(contact + back_samples[e]) * back_weights[e];
+    sum = (sum + push) * free[p];
+    push = push * free[p];
+    *reinterpret_cast<Pack<4>*>(gradient + p) = sum;
+    const auto squared = [](const Pack<4>& v) { return static_cast<double>(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
+    return {squared(sum), squared(push), 0.5 * static_cast<double>(hold[p]) * squared(at)};
+  }
+};
+
+struct Evaluation {
+  double energy = 0, gradient = 0, load = 0;  // gradient and load: lengths
+  float least_volume = 1;
+  ContactSum contact;
+};
+
+class Rows {
+ public:
+  explicit Rows(size_t n) : buffer_(n) { std::fill_n(data(), n, Row4{0, 0, 0, 0}); }
+  Row4* data() { return buffer_.data_for_write(); }
+  float* floats() { return &data()->x; }
+
+ private:
+  Buffer<Row4> buffer_;
+};
+
+class Solver {
+ public:
+  Solver(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
+         const EquilibriumSettings& settings, EquilibriumFigures& figures)
+      : executor_(executor), rest_(rest), settings_(settings), figures_(figures), lanes_(energy_lanes(executor)), u_(rest.rows), trial_(rest.rows),
+        gradient_(rest.rows), trial_gradient_(rest.rows), direction_(rest.rows), forces_(4 * rest.stride), contact_(rest.samples.size() + 1),
+        memory_(colliders.size() * rest.samples.size() + 1), distance_(memory_.size()), scratch_(rest.factor->scratch_floats() + 16) {
+    std::fill_n(memory_.data_for_write(), memory_.size(), 0.0f);
+    for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
+    set_contacts(placement, colliders);
+  }
+
+  Buffer<Vec3f> run() {
+    const Clock::time_point start = Clock::now();
+    Evaluation now = evaluate(u_, gradient_);
+    if (now.contact.active == 0) {
+      figures_.ended = "no contact";
+      return rest_.rest;
+    }
+    descend(now);
+    figures_.gradient = relative(now);
+    figures_.penetration = now.contact.deepest / rest_.diagonal;
+    figures_.least_volume = now.least_volume;
+    figures_.energy = now.energy;
+    figures_.contacts = now.contact.active;
+    figures_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
+    return positions();
+  }
+
+ private:
+  size_t floats() const { return 4 * size_t{rest_.rows}; }
+
+  void set_contacts(const Similarity& placement, std::span<const Sdf* const> colliders) {
+    if (colliders.size() > kMostColliders)
+      throw Error(ErrorCode::kInput, std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
+                  "join some of them with union_sdf");
+    const SampleTable& s = rest_.samples;
+    body_.offsets = s.offsets.data();
+    body_.indices = s.indices.data();
+    body_.weights = s.weights.data();
+    body_.rest = s.rest.data();
+    body_.area = s.area.data();
+    body_.force = contact_.data();
+    body_.count = static_cast<uint32_t>(colliders.size());
+    body_.samples = static_cast<uint32_t>(s.size());
+    body_.to_local = static_cast<float>(rest_.to_local);
+    body_.margin = static_cast<float>(settings_.margin / rest_.to_local);
+    body_.stiffness = static_cast<float>(settings_.contact * rest_.contact_scale);
+    for (size_t k = 0; k < colliders.size(); ++k) {
+      check_margin(*colliders[k], placement, settings_.margin, k);
+      body_.colliders[k] = view_collider(*colliders[k], executor_.device(), placement);
+    }
+  }
+
+  ContactSum evaluate_contact(Rows& u) {
+    ScopedTime time(figures_.contact_seconds);
+    body_.u = u.data();
+    body_.memory = memory_.data_for_write();
+    body_.distance = distance_.data_for_write();
+    return parallel_reduce(executor_, body_.samples, "contact_energy", ContactSum{}, body_, [](const ContactSum& a, const ContactSum& b) {
+      return ContactSum{a.energy + b.energy, std::max(a.deepest, b.deepest), std::max(a.change, b.change), a.active + b.active};
+    });
+  }
+
+  void gather(Rows& u, Rows& gradient, Evaluation& at) {
+    const SampleTable& s = rest_.samples;
+    const Gather body{forces_.data(), rest_.slot_offsets.data(), rest_.slots.data(), u.data(), rest_.hold.data(), rest_.free.data(),
+                      at.contact.active ? contact_.data() : nullptr, s.back_offsets.data(), s.back_samples.data(), s.back_weights.data(), gradient.data()};
+    const Gather::Sum sum = parallel_reduce(executor_, rest_.places, "gather_forces", Gather::Sum{}, body, [](const Gather::Sum& a, const Gather::Sum& b) {
+      return Gather::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
+    });
+    at.gradient = std::sqrt(sum.squares);
+    at.load = std::sqrt(sum.load);
+    at.energy = elastic_energy_ + sum.energy + at.contact.energy;
+  }
+
+  Evaluation evaluate(Rows& u, Rows& gradient) {
+    Evaluation at;
+    ++figures_.evaluations;
+    {
+      ScopedTime time(figures_.elastic_seconds);
+      const ElasticTets body{u.data(), rest_.corners.host().data(), rest_.shape.host().data(), rest_.mu.host().data(), rest_.lambda.host().data(), forces_.data(),
+                             rest_.stride, rest_.term};
+      const size_t grain = std::max(kTetsPerPiece, (rest_.stride / kMostPieces + 15) / 16 * 16);
+      std::vector<ElasticSum>& parts = parts_;
+      parts.resize(rest_.stride / grain + 1);
+      executor_.parallel_ranges(rest_.stride, grain, [&](size_t begin, size_t end) {
+        parts[begin / grain] = lanes_.elastic(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end));
+      });
+      elastic_energy_ = 0;
+      at.least_volume = 3.4e38f;
+      for (size_t piece = 0; piece * grain < rest_.stride; ++piece) {
+        elastic_energy_ += parts[piece].energy;
+        at.least_volume = std::min(at.least_volume, parts[piece].least_volume);
+      }
+    }
+    at.contact = evaluate_contact(u);
+    ScopedTime time(figures_.elastic_seconds);
+    gather(u, gradient, at);
+    return at;
+  }
+
+  // lambda <- max(0, lambda - phi), then the gradient anew at the same place.
+  void update_memory(Evaluation& now) {
+    float* memory = memory_.data_for_write();
+    const float* distance = distance_.data_for_write();
+    for (size_t i = 0; i + 1 < memory_.size(); ++i) memory[i] = std::max(0.0f, memory[i] - distance[i]);
+    ++figures_.updates;
+    now.contact = evaluate_contact(u_);
+    gather(u_, gradient_, now);
+  }
+
+  double relative(const Evaluation& at) const { return at.load > 0 ? at.gradient / at.load : 0; }
+
+  void apply_metric(Rows& x) {
+    ScopedTime time(figures_.solve_seconds);
+    rest_.factor->solve(lanes_, x.data(), scratch_.data_for_write());
+  }
+
+  // direction_ <- -(metric of the last pairs) gradient
+  void make_direction() {
+    float* d = direction_.floats();
+    std::copy_n(gradient_.floats(), floats(), d);
+    double weight[kMemory];
+    for (int k = pairs_ - 1; k >= 0; --k) {
+      const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
+      weight[slot] = lanes_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
+      lanes_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
+    }
+    apply_metric(direction_);
+    for (int k = 0; k < pairs_; ++k) {
+      const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
+      const double back = lanes_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
+      lanes_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
+    }
+    for (size_t i = 0; i < floats(); ++i) d[i] = -d[i];
+  }
+
+  // Remembers the step from (u_, gradient_) to (trial_, trial_gradient_).
+  void remember() {
+    const int slot = (newest_ + 1) % kMemory;
+    float *s = steps_[static_cast<size_t>(slot)].floats(), *y = changes_[static_cast<size_t>(slot)].floats();
+    lanes_.combine(s, trial_.floats(), u_.floats(), -1, floats());
+    lanes_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
+    const double sy = lanes_.dot(s, y, floats());
+    if (!(sy > 1e-10 * std::sqrt(lanes_.dot(s, s, floats()) * lanes_.dot(y, y, floats())))) return;
+    over_[slot] = 1 / sy;
+    newest_ = slot;
+    pairs_ = std::min(pairs_ + 1, kMemory);
+  }
+
+  double longest_step() {
+    const Row4 *a = trial_.data(), *b = u_.data();
+    double most = 0;
+    for (uint32_t p = 0; p < rest_.places; ++p) most = std::max(most, static_cast<double>(length(to_vec(a[p]) - to_vec(b[p]))));
+    return most / rest_.diagonal;
+  }
+
+  bool search(const Evaluation& now, double slope, Evaluation& next) {
+    double along = 1;
+    const float least = std::min(kLeastVolume, 0.2f * now.least_volume);
+    for (int attempt = 0; attempt < 12; ++attempt) {
+      lanes_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
+      next = evaluate(trial_, trial_gradient_);
+      const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
+      const bool upright = next.least_volume > least || now.least_volume <= 0;
+      if (lower && upright) return true;
+      // The parabola through both energies and the slope, kept within a tenth and a half.
+      const double curved = 2 * (next.energy - now.energy - along * slope);
+      const double best = curved > 0 ? -slope * along * along / curved : 0.5 * along;
+      along = upright ? std::clamp(best, 0.1 * along, 0.5 * along) : 0.5 * along;
+    }
+    return false;
+  }
+
+  void descend(Evaluation& now) {
+    const bool trace = getenv("EQ_TRACE") != nullptr;
+    int since_update = 0;
+    figures_.ended = "iterations";
+    while (figures_.iterations < settings_.max_iterations) {
+      if (settings_.check_cancelled) settings_.check_cancelled();
+      make_direction();
+      double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
+      if (!(slope < 0) && pairs_ > 0) {
+        pairs_ = 0;
+        make_direction();
+        slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
+      }
+      Evaluation next;
+      if (!(slope < 0) || !search(now, slope, next)) {
+        if (pairs_ > 0) {
+          pairs_ = 0;
+          evaluate_again(now);
+          continue;
+        }
+        figures_.ended = "stalled";
+        evaluate_again(now);
+        return;
+      }
+      ++figures_.iterations;
+      ++since_update;
+      figures_.step = longest_step();
+      remember();
+      std::swap(u_, trial_);
+      std::swap(gradient_, trial_gradient_);
+      now = next;
+      const double change = now.contact.change / rest_.diagonal;
+      if (trace)
+        fprintf(stderr, "%3d e %.6g rel %.2e load %.3e step %.2e pen %.2e change %.2e active %u minJ %.3f evals %d\n", figures_.iterations, now.energy, relative(now), now.load,
+                figures_.step, now.contact.deepest / rest_.diagonal, change, now.contact.active, static_cast<double>(now.least_volume), figures_.evaluations);
+      const bool settled = relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
+      if (settled && change <= settings_.penetration) {
+        figures_.ended = "rest";
+        return;
+      }
+      if (change > settings_.penetration && (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
+        update_memory(now);
+        since_update = 0;
+        if (trace) fprintf(stderr, "    update: rel %.2e change %.2e active %u\n", relative(now), now.contact.change / rest_.diagonal, now.contact.active);
+      }
+    }
+  }
+
+  void evaluate_again(Evaluation& now) { now = evaluate(u_, gradient_); }
+
+  Buffer<Vec3f> positions() {
+    Buffer<Vec3f> moved(rest_.places, executor_.memory());
+    Vec3f* to = moved.data_for_write();
+    const auto x = rest_.rest.host();
+    const Row4* u = u_.data();
+    for (uint32_t p = 0; p < rest_.places; ++p) {
+      const uint32_t v = rest_.vertex_at[p];
+      to[v] = x[v] + to_vec(u[p]);
+    }
+    return moved;
+  }
+
+  Executor& executor_;
+  const EquilibriumRest& rest_;
+  const EquilibriumSettings& settings_;
+  EquilibriumFigures& figures_;
+  const EnergyLanes& lanes_;
+  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, contact_;
+  std::vector<Rows> steps_, changes_;
+  double over_[kMemory] = {};  // 1 / s.y
+  int pairs_ = 0, newest_ = kMemory - 1;
+  Buffer<float> memory_, distance_, scratch_;
+  std::vector<ElasticSum> parts_;
+  double elastic_energy_ = 0;
+  ContactEnergy body_{};
+};
+
+}  // namespace
+
+const EnergyLanes& energy_lanes(const Executor& executor) {
+  switch (simd_level(executor)) {
+    case SimdLevel::kAvx512: return *energy_lanes_avx512();
+    case SimdLevel::kAvx2: return *energy_lanes_avx2();
+    case SimdLevel::kBaseline: return *energy_lanes_baseline();
+    case SimdLevel::kScalar: break;
+  }
+  return *energy_lanes_scalar();
+}
+
+Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
+                                const EquilibriumSettings& settings, EquilibriumFigures& figures) {
+  figures = {};
+  return Solver(executor, rest, placement, colliders, settings, figures).run();
+}
+
+}  // namespace knead
