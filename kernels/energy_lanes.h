@@ -17,8 +17,11 @@ struct EnergyLanes {
   // Tets [begin, end), multiples of NeighbourTable::kLaneBlock.
   ElasticSum (*elastic)(const ElasticTets&, uint32_t begin, uint32_t end);
   // Panels [begin, end) in rising order, and in falling order.
-  void (*solve_forward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x, float* scratch);
+  void (*solve_forward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x);
   void (*solve_backward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x, float* scratch);
+  // FrontFactor's.
+  bool (*eliminate)(float* front, uint32_t ld, uint32_t width, uint32_t height);
+  void (*store_panel)(const float* front, uint32_t ld, uint32_t begin, uint32_t end, uint32_t height, float* to);
   // Vectors of n floats, n a multiple of 16, aligned.
   double (*dot)(const float* a, const float* b, size_t n);
   void (*add_scaled)(float* to, const float* from, float by, size_t n);                   // to += by * from

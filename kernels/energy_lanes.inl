@@ -28,8 +28,8 @@ ElasticSum elastic(const ElasticTets& body, uint32_t begin, uint32_t end) {
   return sum;
 }
 
-void solve_forward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x, float* scratch) {
-  for (uint32_t p = begin; p < end; ++p) PanelSolve<F>::forward(factor, factor.panels[p], x, scratch);
+void solve_forward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x) {
+  for (uint32_t p = begin; p < end; ++p) PanelSolve<F>::forward(factor, factor.panels[p], x);
 }
 
 void solve_backward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x, float* scratch) {
@@ -58,7 +58,7 @@ void combine(float* to, const float* a, const float* b, float by, size_t n) {
   for (size_t i = 0; i < n; i += L::kWidth) put(to + i, L::load(a + i) + L::load(b + i) * by);
 }
 
-constexpr EnergyLanes kLanes{elastic, solve_forward, solve_backward, dot, add_scaled, combine};
+constexpr EnergyLanes kLanes{elastic, solve_forward, solve_backward, FrontFactor<F>::eliminate, FrontFactor<F>::store_panel, dot, add_scaled, combine};
 
 }  // namespace
 

@@ -16,7 +16,8 @@
 namespace knead {
 namespace {
 
-constexpr int kMemory = 5;             // pairs that L-BFGS remembers
+const int kMemory = getenv("EQ_M") ? atoi(getenv("EQ_M")) : 5;             // pairs that L-BFGS remembers
+constexpr int kMostMemory = 64;
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
 constexpr float kLeastVolume = 0.02f;  // a step may not take a tet's V / V0 below this, or below a fifth of what it is
@@ -99,6 +100,7 @@ class Solver {
       figures_.ended = "no contact";
       return rest_.rest;
     }
+    renew_metric();
     descend(now);
     figures_.gradient = relative(now);
     figures_.penetration = now.contact.deepest / rest_.diagonal;
@@ -194,16 +196,33 @@ class Solver {
 
   double relative(const Evaluation& at) const { return at.load > 0 ? at.gradient / at.load : 0; }
 
+  // P with the samples that push now: kc a w on the diagonal, lumped, the same for x, y and z.
+  void renew_metric() {
+    ScopedTime time(figures_.factor_seconds);
+    static const double share = getenv("EQ_CONTACT_SHARE") ? atof(getenv("EQ_CONTACT_SHARE")) : 1.0;
+    const SampleTable& s = rest_.samples;
+    std::vector<float> weight(s.size(), 0), diagonal = rest_.metric_diagonal;
+    const float *memory = memory_.data_for_write(), *distance = distance_.data_for_write();
+    for (size_t k = 0; k < body_.count; ++k)
+      for (size_t i = 0; i < s.size(); ++i)
+        if (distance[k * s.size() + i] < memory[k * s.size() + i]) weight[i] += static_cast<float>(share) * body_.stiffness * s.area[i];
+    for (uint32_t p = 0; p < rest_.places; ++p)
+      for (uint32_t e = s.back_offsets[p]; e < s.back_offsets[p + 1]; ++e)
+        if (rest_.free[p] != 0) diagonal[p] += weight[s.back_samples[e]] * s.back_weights[e];
+    factor_ = std::make_unique<SparseCholesky>(executor_, lanes_, *rest_.factor, diagonal);
+    ++figures_.factors;
+  }
+
   void apply_metric(Rows& x) {
     ScopedTime time(figures_.solve_seconds);
-    rest_.factor->solve(lanes_, x.data(), scratch_.data_for_write());
+    (factor_ ? *factor_ : *rest_.factor).solve(lanes_, x.data(), scratch_.data_for_write());
   }
 
   // direction_ <- -(metric of the last pairs) gradient
   void make_direction() {
     float* d = direction_.floats();
     std::copy_n(gradient_.floats(), floats(), d);
-    double weight[kMemory];
+    double weight[kMostMemory];
     for (int k = pairs_ - 1; k >= 0; --k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
       weight[slot] = lanes_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
@@ -245,7 +264,8 @@ class Solver {
       lanes_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
       next = evaluate(trial_, trial_gradient_);
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
-      const bool upright = next.least_volume > least || now.least_volume <= 0;
+      static const bool refuse = getenv("EQ_REFUSE");
+      const bool upright = !refuse || next.least_volume > least || now.least_volume <= 0;
       if (lower && upright) return true;
       // The parabola through both energies and the slope, kept within a tenth and a half.
       const double curved = 2 * (next.energy - now.energy - along * slope);
@@ -258,9 +278,11 @@ class Solver {
   void descend(Evaluation& now) {
     const bool trace = getenv("EQ_TRACE") != nullptr;
     int since_update = 0;
+    static const int renew_at = getenv("EQ_RENEW") ? atoi(getenv("EQ_RENEW")) : 10;
     figures_.ended = "iterations";
     while (figures_.iterations < settings_.max_iterations) {
       if (settings_.check_cancelled) settings_.check_cancelled();
+      if (figures_.iterations == renew_at) renew_metric();
       make_direction();
       double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
       if (!(slope < 0) && pairs_ > 0) {
@@ -324,12 +346,13 @@ class Solver {
   const EnergyLanes& lanes_;
   Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, contact_;
   std::vector<Rows> steps_, changes_;
-  double over_[kMemory] = {};  // 1 / s.y
+  double over_[kMostMemory] = {};  // 1 / s.y
   int pairs_ = 0, newest_ = kMemory - 1;
   Buffer<float> memory_, distance_, scratch_;
   std::vector<ElasticSum> parts_;
   double elastic_energy_ = 0;
   ContactEnergy body_{};
+  std::unique_ptr<SparseCholesky> factor_;  // of this frame's contacts
 };
 
 }  // namespace

@@ -46,7 +46,7 @@ struct EquilibriumSettings {
 };
 
 struct EquilibriumFigures {
-  int iterations = 0, evaluations = 0, updates = 0;
+  int iterations = 0, evaluations = 0, updates = 0, factors = 0;
   std::string ended;            // rest, iterations, stalled, no contact
   double gradient = 0;          // relative to the contact forces
   double step = 0;              // the last one's largest displacement over M's diagonal
@@ -54,7 +54,7 @@ struct EquilibriumFigures {
   double least_volume = 1;      // smallest V / V0 of a tet
   double energy = 0;
   size_t contacts = 0;
-  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, seconds = 0;
+  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, factor_seconds = 0, seconds = 0;
 };
 
 // H's positions in tet space; the rest buffer itself when nothing is in contact. Starts from rest. Throws Error(kInput) as collide_push does.

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "graph/error.h"
+#include "kernels/energy_lanes.h"
 #include "kernels/hold.h"
 #include "kernels/loop_points.h"
 #include "kernels/neighbour_table.h"
@@ -252,24 +253,23 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   std::vector<std::array<uint32_t, 2>> edges;
   std::vector<double> entries, diagonal(n, 0);
   add_stiffness(a, place, edges, entries, diagonal);
-  const double contact_share = getenv("EQ_CONTACT_SHARE") ? atof(getenv("EQ_CONTACT_SHARE")) : 0.0;
   for (uint32_t p = 0; p < n; ++p) {
-    diagonal[p] += rest.hold[p];
-    const SampleTable& s = rest.samples;
-    for (uint32_t e = s.back_offsets[p]; e < s.back_offsets[p + 1]; ++e)
-      diagonal[p] += contact_share * rest.contact_scale * s.area[s.back_samples[e]] * s.back_weights[e] * s.back_weights[e];
-    diagonal[p] *= 1 + 1e-6;  // a floating body without hold stays solvable
+    diagonal[p] = (diagonal[p] + rest.hold[p]) * (1 + 1e-5);  // a floating body without hold stays solvable in float32
     if (rest.free[p] == 0) diagonal[p] = 1;
   }
   for (size_t e = 0; e < edges.size(); ++e)
     if (rest.free[edges[e][0]] == 0 || rest.free[edges[e][1]] == 0) entries[e] = 0;
   const auto before_factor = std::chrono::steady_clock::now();
-  rest.factor = std::make_unique<SparseCholesky>(executor, dissection, edges, entries, diagonal);
+  rest.metric_diagonal.assign(diagonal.begin(), diagonal.end());
+  const auto plan = std::make_shared<const FactorPlan>(dissection, std::move(edges), std::vector<float>(entries.begin(), entries.end()));
+  const auto before_numbers = std::chrono::steady_clock::now();
+  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, rest.metric_diagonal);
+  if (getenv("EQ_TRACE")) fprintf(stderr, "plan %.4f s, numbers %.4f s, %.3g flops, %zu values\n", std::chrono::duration<double>(before_numbers - before_factor).count(), seconds_since(before_numbers), plan->flops(), plan->stored_values());
   rest.figures.factor_seconds = seconds_since(before_factor);
   rest.figures.vertices = n;
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  rest.figures.factor_values = rest.factor->stored_values();
+  rest.figures.factor_values = plan->stored_values();
   rest.figures.seconds = seconds_since(start);
   return made;
 }

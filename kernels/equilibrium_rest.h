@@ -37,7 +37,8 @@ class EquilibriumRest {
   double diagonal = 0;            // of M, cells
   double to_local = 1;
   double contact_scale = 1;       // kc of `contact` = 1, per cell
-  std::unique_ptr<SparseCholesky> factor;
+  std::vector<float> metric_diagonal;    // P's, by place
+  std::unique_ptr<SparseCholesky> factor;  // of P without contacts
   RestFigures figures;
 };
 

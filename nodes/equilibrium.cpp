@@ -148,6 +148,7 @@ class Equilibrium : public Node {
     report.set("elastic_milliseconds", 1e3 * figures.elastic_seconds);
     report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
     report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
+    report.set("contact_factor_milliseconds", 1e3 * figures.factor_seconds);
     report.set("factor_values", static_cast<double>(rest.factor_values));
     report.set("order_milliseconds", 1e3 * rest.order_seconds);
     report.set("factor_milliseconds", 1e3 * rest.factor_seconds);
