@@ -25,7 +25,10 @@ struct ContactEnergy {
   const float* area;           // cells^2
   const float* memory;         // [colliders][samples] lambda, cells
   float* distance;             // [colliders][samples] phi - margin, cells; kFar where it cannot matter
+  const float* exits;          // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
   Row4* force;                 // [samples] gradient by the sample's place
+  Row4* now;                   // [samples] the sample's place, cells
+  Vec3f entry[kMostColliders]; // unit, the way a collider came in
   ColliderView colliders[kMostColliders];
   uint32_t count;
   uint32_t samples;
@@ -39,6 +42,7 @@ struct ContactEnergy {
     Vec3f move{0, 0, 0};
     for (uint32_t e = offsets[s]; e < offsets[s + 1]; ++e) move += weights[e] * to_vec(u[indices[e]]);
     const Vec3f y = rest[s] + to_local * move;
+    now[s] = to_row((1 / to_local) * rest[s] + move);
     ContactSum sum;
     Vec3f push{0, 0, 0};
     for (uint32_t k = 0; k < count; ++k) {
@@ -49,7 +53,9 @@ struct ContactEnergy {
       SdfSampler sampler(c.sdf);
       const Vec3f p = CollidePush::to_index(c, y);
       Vec3f slope{0, 0, 0};
-      if (sampler.reaches(p, (lambda + margin) / to_cells)) phi = sampler.spline(p, slope) * to_cells - margin;
+      const bool by_entry = exits && exits[at] >= 0;
+      if (by_entry) phi = dot(entry[k], move) - exits[at];
+      else if (sampler.reaches(p, (lambda + margin) / to_cells)) phi = sampler.spline(p, slope) * to_cells - margin;
       distance[at] = phi;
       const float next = lambda > phi ? lambda - phi : 0.0f, change = next > lambda ? next - lambda : lambda - next;
       sum.change = change > sum.change ? change : sum.change;
@@ -58,11 +64,52 @@ struct ContactEnergy {
         const float pull = stiffness * area[s] * next;
         sum.energy += 0.5 * static_cast<double>(pull) * static_cast<double>(next);
         ++sum.active;
-        push -= (pull * c.scale) * CollidePush::from_index(c, slope);
+        push -= by_entry ? pull * entry[k] : (pull * c.scale) * CollidePush::from_index(c, slope);
       }
     }
     force[s] = to_row(push);
     return sum;
+  }
+};
+
+// How far along the way in a sample that is inside at rest comes out of the collider again. A sphere as wide as the depth is free of walls, so steps are that
+// long.
+struct ContactExit {
+  ContactEnergy contact;
+  uint32_t collider;
+  float* exits;  // [samples] of this collider
+
+  KNEAD_HD void operator()(uint32_t s) const {
+    const ColliderView& c = contact.colliders[collider];
+    const float to_cells = c.scale / contact.to_local, least = 0.02f * c.sdf.voxel * to_cells;
+    SdfSampler sampler(c.sdf);
+    Vec3f y = contact.rest[s];
+    float gone = 0;
+    for (int step = 0; step < 200; ++step) {
+      const float phi = sampler.value(CollidePush::to_index(c, y)) * to_cells - contact.margin;
+      if (phi >= 0) break;
+      const float along = -phi > least ? -phi : least;
+      gone += along;
+      y += (along * contact.to_local) * contact.entry[collider];
+    }
+    exits[s] = gone > 0 ? gone : -1.0f;
+  }
+};
+
+// The volume that M encloses, as a function of its vertices: 6 V = sum over triangles of a . (b x c). A vertex's part of the gradient.
+struct VolumeGradient {
+  const Row4* now;             // [vertices] cells
+  const uint32_t* offsets;     // [vertices + 1] into `pairs`
+  const uint32_t* pairs;       // the other two corners of each triangle, in order
+  Row4* gradient;              // [vertices]
+
+  // Its share of the volume: V is homogeneous of degree 3.
+  KNEAD_HD double operator()(uint32_t v) const {
+    Vec3f sum{0, 0, 0};
+    for (uint32_t e = offsets[v]; e < offsets[v + 1]; ++e) sum += cross(to_vec(now[pairs[2 * e]]), to_vec(now[pairs[2 * e + 1]]));
+    sum = sum * (1.0f / 6);
+    gradient[v] = to_row(sum);
+    return static_cast<double>(dot(sum, to_vec(now[v]))) / 3;
   }
 };
 

@@ -87,7 +87,7 @@ class Solver {
          const EquilibriumSettings& settings, EquilibriumFigures& figures)
       : executor_(executor), rest_(rest), settings_(settings), figures_(figures), lanes_(energy_lanes(executor)), u_(rest.rows), trial_(rest.rows),
         gradient_(rest.rows), trial_gradient_(rest.rows), direction_(rest.rows), forces_(4 * rest.stride), contact_(rest.samples.size() + 1),
-        memory_(colliders.size() * rest.samples.size() + 1), distance_(memory_.size()), scratch_(rest.factor->scratch_floats() + 16) {
+        now_(rest.samples.size() + 1), volume_gradient_(rest.samples.size() + 1), bulk_(rest.rows), bulk_solved_(rest.rows), memory_(colliders.size() * rest.samples.size() + 1), distance_(memory_.size()), scratch_(rest.factor->scratch_floats() + 16) {
     std::fill_n(memory_.data_for_write(), memory_.size(), 0.0f);
     for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
     set_contacts(placement, colliders);
@@ -100,8 +100,10 @@ class Solver {
       figures_.ended = "no contact";
       return rest_.rest;
     }
+    if (getenv("EQ_NOENTRY") == nullptr && find_entries()) now = evaluate(u_, gradient_);
     renew_metric();
     descend(now);
+    figures_.volume = volume_error_;
     figures_.gradient = relative(now);
     figures_.penetration = now.contact.deepest / rest_.diagonal;
     figures_.least_volume = now.least_volume;
@@ -125,6 +127,7 @@ class Solver {
     body_.rest = s.rest.data();
     body_.area = s.area.data();
     body_.force = contact_.data();
+    body_.now = now_.data();
     body_.count = static_cast<uint32_t>(colliders.size());
     body_.samples = static_cast<uint32_t>(s.size());
     body_.to_local = static_cast<float>(rest_.to_local);
@@ -141,15 +144,34 @@ class Solver {
     body_.u = u.data();
     body_.memory = memory_.data_for_write();
     body_.distance = distance_.data_for_write();
-    return parallel_reduce(executor_, body_.samples, "contact_energy", ContactSum{}, body_, [](const ContactSum& a, const ContactSum& b) {
+    ContactSum sum = parallel_reduce(executor_, body_.samples, "contact_energy", ContactSum{}, body_, [](const ContactSum& a, const ContactSum& b) {
       return ContactSum{a.energy + b.energy, std::max(a.deepest, b.deepest), std::max(a.change, b.change), a.active + b.active};
     });
+    if (!rest_.fans.empty()) sum.energy += add_volume();
+    return sum;
+  }
+
+  // kb/2 V0 (V/V0 - 1 + memory)^2 for M as a whole: its gradient goes to the samples' forces.
+  double add_volume() {
+    const uint32_t n = static_cast<uint32_t>(rest_.fan_offsets.size() - 1);
+    const VolumeGradient body{now_.data(), rest_.fan_offsets.data(), rest_.fans.data(), volume_gradient_.data()};
+    const double volume = reduce_sum(executor_, n, "enclosed_volume", body);
+    if (rest_volume_ == 0) rest_volume_ = volume;  // the first call is at rest
+    const double stiffness = bulk_stiffness();
+    volume_error_ = volume / rest_volume_ - 1;
+    const double error = volume_error_ + volume_memory_;
+    const float push = static_cast<float>(stiffness * error * (rest_volume_ < 0 ? -1 : 1));
+    Row4* force = contact_.data();
+    const Row4* gradient = volume_gradient_.data();
+    if (push != 0)
+      for (uint32_t v = 0; v < n; ++v) force[v] = {force[v].x + push * gradient[v].x, force[v].y + push * gradient[v].y, force[v].z + push * gradient[v].z, 0};
+    return 0.5 * stiffness * std::abs(rest_volume_) * error * error;
   }
 
   void gather(Rows& u, Rows& gradient, Evaluation& at) {
     const SampleTable& s = rest_.samples;
     const Gather body{forces_.data(), rest_.slot_offsets.data(), rest_.slots.data(), u.data(), rest_.hold.data(), rest_.free.data(),
-                      at.contact.active ? contact_.data() : nullptr, s.back_offsets.data(), s.back_samples.data(), s.back_weights.data(), gradient.data()};
+                      at.contact.active || !rest_.fans.empty() ? contact_.data() : nullptr, s.back_offsets.data(), s.back_samples.data(), s.back_weights.data(), gradient.data()};
     const Gather::Sum sum = parallel_reduce(executor_, rest_.places, "gather_forces", Gather::Sum{}, body, [](const Gather::Sum& a, const Gather::Sum& b) {
       return Gather::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
     });
@@ -184,11 +206,38 @@ class Solver {
     return at;
   }
 
+  // Where a collider has come in deep, the nearest way out may lead to the other side, or sideways out of a half-sunk ball. So a start from rest goes by the way
+  // in: against the mean of M's normals over the samples that are inside. Each of these first has to go as far along it as it takes to come out.
+  bool find_entries() {
+    const SampleTable& s = rest_.samples;
+    const float* distance = distance_.data_for_write();
+    exits_.assign(body_.count * s.size(), -1.0f);
+    bool any = false;
+    for (uint32_t k = 0; k < body_.count; ++k) {
+      Vec3d facing{0, 0, 0};
+      double area = 0;
+      for (size_t i = 0; i < s.size(); ++i)
+        if (distance[k * s.size() + i] < 0) {
+          facing += to_double(s.outward[i]);
+          area += length(to_double(s.outward[i]));
+        }
+      const double size = length(facing);
+      if (!(size > 0.3 * area) || area == 0) continue;
+      body_.entry[k] = to_float((-1 / size) * facing);
+      const ContactExit body{body_, k, exits_.data() + k * s.size()};
+      parallel_for(executor_, s.size(), "contact_exit", body, 64);
+      any = true;
+    }
+    body_.exits = any ? exits_.data() : nullptr;
+    return any;
+  }
+
   // lambda <- max(0, lambda - phi), then the gradient anew at the same place.
   void update_memory(Evaluation& now) {
     float* memory = memory_.data_for_write();
     const float* distance = distance_.data_for_write();
     for (size_t i = 0; i + 1 < memory_.size(); ++i) memory[i] = std::max(0.0f, memory[i] - distance[i]);
+    volume_memory_ += volume_error_;
     ++figures_.updates;
     now.contact = evaluate_contact(u_);
     gather(u_, gradient_, now);
@@ -199,7 +248,8 @@ class Solver {
   // P with the samples that push now: kc a w on the diagonal, lumped, the same for x, y and z.
   void renew_metric() {
     ScopedTime time(figures_.factor_seconds);
-    static const double share = getenv("EQ_CONTACT_SHARE") ? atof(getenv("EQ_CONTACT_SHARE")) : 1.0;
+    static const double share1 = getenv("EQ_S1") ? atof(getenv("EQ_S1")) : 1.0, share2 = getenv("EQ_S2") ? atof(getenv("EQ_S2")) : 1.0;
+    const double share = figures_.factors == 0 ? share1 : share2;
     const SampleTable& s = rest_.samples;
     std::vector<float> weight(s.size(), 0), diagonal = rest_.metric_diagonal;
     const float *memory = memory_.data_for_write(), *distance = distance_.data_for_write();
@@ -211,11 +261,37 @@ class Solver {
         if (rest_.free[p] != 0) diagonal[p] += weight[s.back_samples[e]] * s.back_weights[e];
     factor_ = std::make_unique<SparseCholesky>(executor_, lanes_, *rest_.factor, diagonal);
     ++figures_.factors;
+    renew_bulk();
   }
 
   void apply_metric(Rows& x) {
     ScopedTime time(figures_.solve_seconds);
     (factor_ ? *factor_ : *rest_.factor).solve(lanes_, x.data(), scratch_.data_for_write());
+    if (rest_.fans.empty()) return;
+    // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
+    const double along = lanes_.dot(bulk_.floats(), x.floats(), floats());
+    lanes_.add_scaled(x.floats(), bulk_solved_.floats(), static_cast<float>(-along * bulk_factor_), floats());
+  }
+
+  void renew_bulk() {
+    if (rest_.fans.empty()) return;
+    const SampleTable& s = rest_.samples;
+    const uint32_t vertices = static_cast<uint32_t>(rest_.fan_offsets.size() - 1);
+    const Row4* gradient = volume_gradient_.data();
+    Row4 *to = bulk_.data(), *solved = bulk_solved_.data();
+    for (uint32_t p = 0; p < rest_.places; ++p) {
+      Vec3f sum{0, 0, 0};
+      for (uint32_t e = s.back_offsets[p]; e < s.back_offsets[p + 1]; ++e)
+        if (s.back_samples[e] < vertices) sum += s.back_weights[e] * to_vec(gradient[s.back_samples[e]]);
+      to[p] = solved[p] = to_row(rest_.free[p] * sum);
+    }
+    factor_->solve(lanes_, solved, scratch_.data_for_write());
+    bulk_factor_ = 1 / (std::abs(rest_volume_) / bulk_stiffness() + lanes_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
+  }
+
+  double bulk_stiffness() const {
+    static const double factor = getenv("EQ_BULK") ? atof(getenv("EQ_BULK")) : 10;
+    return factor * (1 + rest_.bulk);
   }
 
   // direction_ <- -(metric of the last pairs) gradient
@@ -282,7 +358,13 @@ class Solver {
     figures_.ended = "iterations";
     while (figures_.iterations < settings_.max_iterations) {
       if (settings_.check_cancelled) settings_.check_cancelled();
-      if (figures_.iterations == renew_at) renew_metric();
+      if (figures_.iterations == renew_at) {
+        if (body_.exits) {  // the shape has the right side by now
+          body_.exits = nullptr;
+          evaluate_again(now);
+        }
+        renew_metric();
+      }
       make_direction();
       double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
       if (!(slope < 0) && pairs_ > 0) {
@@ -310,14 +392,14 @@ class Solver {
       now = next;
       const double change = now.contact.change / rest_.diagonal;
       if (trace)
-        fprintf(stderr, "%3d e %.6g rel %.2e load %.3e step %.2e pen %.2e change %.2e active %u minJ %.3f evals %d\n", figures_.iterations, now.energy, relative(now), now.load,
-                figures_.step, now.contact.deepest / rest_.diagonal, change, now.contact.active, static_cast<double>(now.least_volume), figures_.evaluations);
-      const bool settled = relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
+        fprintf(stderr, "%3d e %.6g rel %.2e load %.3e step %.2e pen %.2e change %.2e active %u minJ %.3f evals %d vol %.2e\n", figures_.iterations, now.energy, relative(now), now.load,
+                figures_.step, now.contact.deepest / rest_.diagonal, change, now.contact.active, static_cast<double>(now.least_volume), figures_.evaluations, volume_error_);
+      const bool settled = !body_.exits && std::abs(volume_error_) < 1e-4 && relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
       if (settled && change <= settings_.penetration) {
         figures_.ended = "rest";
         return;
       }
-      if (change > settings_.penetration && (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
+      if ((change > settings_.penetration || std::abs(volume_error_) > 1e-4) && (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
         update_memory(now);
         since_update = 0;
         if (trace) fprintf(stderr, "    update: rel %.2e change %.2e active %u\n", relative(now), now.contact.change / rest_.diagonal, now.contact.active);
@@ -344,13 +426,14 @@ class Solver {
   const EquilibriumSettings& settings_;
   EquilibriumFigures& figures_;
   const EnergyLanes& lanes_;
-  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, contact_;
+  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, contact_, now_, volume_gradient_, bulk_, bulk_solved_;
   std::vector<Rows> steps_, changes_;
   double over_[kMostMemory] = {};  // 1 / s.y
   int pairs_ = 0, newest_ = kMemory - 1;
   Buffer<float> memory_, distance_, scratch_;
   std::vector<ElasticSum> parts_;
-  double elastic_energy_ = 0;
+  double elastic_energy_ = 0, rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0, bulk_factor_ = 0;
+  std::vector<float> exits_;
   ContactEnergy body_{};
   std::unique_ptr<SparseCholesky> factor_;  // of this frame's contacts
 };

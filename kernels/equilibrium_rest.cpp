@@ -99,11 +99,20 @@ void make_samples(const Assembly& a, const std::vector<uint32_t>& place, SampleT
   if (lattice.rest.topology) triangles = lattice.rest.topology->triangles;
   std::vector<std::array<std::pair<uint32_t, double>, 3>> inner;  // samples inside triangles
   std::vector<double> area(n, 0);
+  std::vector<Vec3d> outward(n, Vec3d{0, 0, 0});
+  double enclosed = 0;
+  for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
+    const Vec3d o = to_double(points[triangles[0]]), p = to_double(points[triangles[t]]) - o, q = to_double(points[triangles[t + 1]]) - o,
+                r = to_double(points[triangles[t + 2]]) - o;
+    enclosed += dot(p, cross(q, r));
+  }
+  const double side = enclosed < 0 ? -0.5 : 0.5;
   const int steps = a.material.contact_samples;
   for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
     const std::array<uint32_t, 3> v{triangles[t], triangles[t + 1], triangles[t + 2]};
     const Vec3d p = to_double(points[v[0]]);
-    const double size = 0.5 * length(cross(to_double(points[v[1]]) - p, to_double(points[v[2]]) - p)) * to_cells * to_cells;
+    const Vec3d facing = (side * to_cells * to_cells) * cross(to_double(points[v[1]]) - p, to_double(points[v[2]]) - p);
+    const double size = length(facing);
     std::vector<std::array<std::pair<uint32_t, double>, 3>> here;
     for (int i = 0; i <= steps && steps >= 2; ++i)
       for (int j = 0; i + j <= steps; ++j) {
@@ -114,15 +123,18 @@ void make_samples(const Assembly& a, const std::vector<uint32_t>& place, SampleT
         here.push_back({{{v[0], static_cast<double>(i) / steps}, {v[1], static_cast<double>(j) / steps}, {v[2], static_cast<double>(k) / steps}}});
       }
     const double share = size / static_cast<double>(3 + here.size());
-    for (const uint32_t c : v) area[c] += share;
+    const Vec3d facing_share = (1 / static_cast<double>(3 + here.size())) * facing;
+    for (const uint32_t c : v) area[c] += share, outward[c] += facing_share;
     for (const auto& s : here) {
       inner.push_back(s);
       area.push_back(share);
+      outward.push_back(facing_share);
     }
   }
   const double total = std::accumulate(area.begin(), area.end(), 0.0);
   const double least = 1e-3 * total / static_cast<double>(std::max<size_t>(1, area.size()));  // for corners of slivers
   table.offsets.push_back(0);
+  for (const Vec3d& v : outward) table.outward.push_back(to_float(v));
   const auto finish = [&](std::map<uint32_t, double>& row, const Vec3d& at, double size) {
     for (const auto& [p, w] : row) {
       table.indices.push_back(p);
@@ -161,6 +173,28 @@ void make_samples(const Assembly& a, const std::vector<uint32_t>& place, SampleT
       table.back_samples[at] = s;
       table.back_weights[at] = table.weights[e];
     }
+}
+
+// The triangles round each vertex of M, when they enclose a volume: every directed edge has its opposite.
+void make_fans(const Lattice& lattice, EquilibriumRest& rest) {
+  if (!lattice.rest.topology) return;
+  const std::vector<uint32_t>& triangles = lattice.rest.topology->triangles;
+  std::map<std::pair<uint32_t, uint32_t>, int> edges;
+  for (size_t c = 0; c < triangles.size(); ++c) {
+    const uint32_t a = triangles[c], b = triangles[c % 3 == 2 ? c - 2 : c + 1];
+    edges[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
+  }
+  if (triangles.empty() || std::any_of(edges.begin(), edges.end(), [](const auto& e) { return e.second != 0; })) return;
+  rest.fan_offsets.assign(lattice.rest.vertices() + 1, 0);
+  for (const uint32_t v : triangles) ++rest.fan_offsets[v + 1];
+  for (size_t v = 0; v + 1 < rest.fan_offsets.size(); ++v) rest.fan_offsets[v + 1] += rest.fan_offsets[v];
+  rest.fans.resize(2 * triangles.size());
+  std::vector<uint32_t> cursor(rest.fan_offsets.begin(), rest.fan_offsets.end() - 1);
+  for (size_t c = 0; c < triangles.size(); ++c) {
+    const size_t t = c / 3 * 3, next = (c - t + 1) % 3, after = (c - t + 2) % 3, at = 2 * size_t{cursor[triangles[c]]++};
+    rest.fans[at] = triangles[t + next];
+    rest.fans[at + 1] = triangles[t + after];
+  }
 }
 
 void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, EquilibriumRest& rest) {
@@ -248,6 +282,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
     rest.hold[place[v]] = static_cast<float>(pull / (rest.diagonal * rest.diagonal) * a.mass[v]);
   }
   const double mean_lame = 2 * material.poisson_ratio / (1 - 2 * material.poisson_ratio);
+  rest.bulk = mean_lame;
+  if (material.keep_volume) make_fans(lattice, rest);
   rest.contact_scale = (1 + mean_lame) / std::max(tets.mean_edge, 1e-6f);
 
   std::vector<std::array<uint32_t, 2>> edges;

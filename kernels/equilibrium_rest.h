@@ -14,6 +14,7 @@ struct SampleTable {
   std::vector<float> weights;
   std::vector<Vec3f> rest;                 // M's local units
   std::vector<float> area;                 // cells^2
+  std::vector<Vec3f> outward;              // area vectors at rest, out of the body, cells^2
   std::vector<uint32_t> back_offsets, back_samples;  // by place
   std::vector<float> back_weights;
   size_t size() const { return area.size(); }
@@ -33,7 +34,9 @@ class EquilibriumRest {
   std::vector<float> hold;        // by place, cells^-2 times cells^3
   std::vector<float> free;        // 1, or 0 for a pinned place
   bool any_pinned = false;
-  SampleTable samples;
+  SampleTable samples;             // M's vertices first
+  std::vector<uint32_t> fan_offsets, fans;  // by vertex of M: the other two corners of its triangles; empty for an open surface
+  double bulk = 0;                 // Lame's first parameter over the body, for the enclosed volume
   double diagonal = 0;            // of M, cells
   double to_local = 1;
   double contact_scale = 1;       // kc of `contact` = 1, per cell

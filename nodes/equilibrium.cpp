@@ -25,7 +25,7 @@ const char* const kManual = R"(The shape in which a soft body comes to rest agai
 
 The energy is elastic + hold + contact, every part dimensionless, so that a parameter means the same at any size and at any fineness of H:
   elastic  `material`: stable_neo_hookean (Smith, de Goes, Kim 2018), corotated, or edges (springs along H's edges); `poisson_ratio` says how well volume is
-           kept: 0.49 within a percent or so in a deep press, 0.499 ten times better and slower
+           kept: 0.45 lets flesh give a little; nearer to 0.5 is slower. What M encloses as a whole is kept by `keep_volume`
   hold     a pull to rest, `hold`, over the body: 0 lets a free body be pushed aside as a whole, 20 keeps it, 200 keeps dents local. `pins` hold for good.
   contact  every vertex of M outside every collider: a stiff push with a memory (augmented Lagrangian), so that it ends exact, not merely stiff.
            `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider.
@@ -54,6 +54,7 @@ class Equilibrium : public Node {
   Param<std::string> material{
       this, "material", "stable_neo_hookean", {.choices = {"stable_neo_hookean", "corotated", "edges"}, .doc = "the elastic energy"}};
   Param<double> poisson_ratio{this, "poisson_ratio", EquilibriumMaterial{}.poisson_ratio, {.min = 0, .max = 0.4999, .doc = "how well volume is kept"}};
+  Param<bool> keep_volume{this, "keep_volume", EquilibriumMaterial{}.keep_volume, {.doc = "M as a whole keeps the volume that it encloses; closed surfaces only"}};
   Param<double> hold{this, "hold", EquilibriumMaterial{}.hold, {.min = 0, .doc = "pull to rest, relative to stiffness over the diagonal squared"}};
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
   Param<int> contact_samples{
@@ -107,7 +108,7 @@ class Equilibrium : public Node {
  private:
   Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
     Hasher key;
-    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(contact_samples());
+    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
@@ -123,6 +124,7 @@ class Equilibrium : public Node {
     settings.term = term_of(material());
     settings.poisson_ratio = poisson_ratio();
     settings.hold = hold();
+    settings.keep_volume = keep_volume();
     settings.contact_samples = contact_samples();
     settings.pins = paint(pins);
     settings.stiffness_weights = paint(stiffness_weights);
