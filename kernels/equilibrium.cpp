@@ -305,6 +305,8 @@ class Solver {
       lanes_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
     }
     apply_metric(direction_);
+    if (scale_ != 1)
+      for (size_t i = 0; i < floats(); ++i) d[i] *= static_cast<float>(scale_);
     for (int k = 0; k < pairs_; ++k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
       const double back = lanes_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
@@ -342,7 +344,11 @@ class Solver {
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
       static const bool refuse = getenv("EQ_REFUSE");
       const bool upright = !refuse || next.least_volume > least || now.least_volume <= 0;
-      if (lower && upright) return true;
+      if (lower && upright) {
+        static const double down = getenv("EQ_DOWN") ? atof(getenv("EQ_DOWN")) : 0.7, up = getenv("EQ_UP") ? atof(getenv("EQ_UP")) : 1.1;
+        scale_ = attempt > 0 ? std::max(0.1, down * scale_) : std::min(1.0, up * scale_);
+        return true;
+      }
       // The parabola through both energies and the slope, kept within a tenth and a half.
       const double curved = 2 * (next.energy - now.energy - along * slope);
       const double best = curved > 0 ? -slope * along * along / curved : 0.5 * along;
@@ -365,6 +371,8 @@ class Solver {
         }
         renew_metric();
       }
+      static const int bulk_every = getenv("EQ_BE") ? atoi(getenv("EQ_BE")) : 10;
+      if (figures_.iterations % bulk_every == 0 && figures_.iterations != renew_at) renew_bulk();
       make_direction();
       double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
       if (!(slope < 0) && pairs_ > 0) {
@@ -432,7 +440,7 @@ class Solver {
   int pairs_ = 0, newest_ = kMemory - 1;
   Buffer<float> memory_, distance_, scratch_;
   std::vector<ElasticSum> parts_;
-  double elastic_energy_ = 0, rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0, bulk_factor_ = 0;
+  double elastic_energy_ = 0, rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0, bulk_factor_ = 0, scale_ = 1;
   std::vector<float> exits_;
   ContactEnergy body_{};
   std::unique_ptr<SparseCholesky> factor_;  // of this frame's contacts
