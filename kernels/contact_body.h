@@ -27,7 +27,7 @@ struct ContactEnergy {
   float* distance;             // [colliders][samples] phi - margin, cells; kFar where it cannot matter
   const float* exits;          // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
   Row4* force;                 // [samples] gradient by the sample's place
-  Row4* now;                   // [samples] the sample's place, cells
+  const uint32_t* list;        // the samples that may be in contact
   Vec3f entry[kMostColliders]; // unit, the way a collider came in
   ColliderView colliders[kMostColliders];
   uint32_t count;
@@ -38,11 +38,27 @@ struct ContactEnergy {
 
   static constexpr float kFar = 1e30f;
 
-  KNEAD_HD ContactSum operator()(uint32_t s) const {
+  KNEAD_HD Vec3f moved(uint32_t s) const {
     Vec3f move{0, 0, 0};
     for (uint32_t e = offsets[s]; e < offsets[s + 1]; ++e) move += weights[e] * to_vec(u[indices[e]]);
-    const Vec3f y = rest[s] + to_local * move;
-    now[s] = to_row((1 / to_local) * rest[s] + move);
+    return move;
+  }
+
+  // Whether sample s is nearer than `reach` (cells) to a contact, to be on the safe side.
+  KNEAD_HD bool near(uint32_t s, float reach) const {
+    const Vec3f y = rest[s] + to_local * moved(s);
+    for (uint32_t k = 0; k < count; ++k) {
+      const size_t at = static_cast<size_t>(k) * samples + s;
+      if (exits && exits[at] >= 0) return true;
+      SdfSampler sampler(colliders[k].sdf);
+      if (sampler.reaches(CollidePush::to_index(colliders[k], y), (memory[at] + margin + reach) * to_local / colliders[k].scale)) return true;
+    }
+    return false;
+  }
+
+  KNEAD_HD ContactSum operator()(uint32_t place) const {
+    const uint32_t s = list[place];
+    const Vec3f move = moved(s), y = rest[s] + to_local * move;
     ContactSum sum;
     Vec3f push{0, 0, 0};
     for (uint32_t k = 0; k < count; ++k) {
@@ -94,6 +110,14 @@ struct ContactExit {
     }
     exits[s] = gone > 0 ? gone : -1.0f;
   }
+};
+
+// Where M's vertices are.
+struct VertexPlaces {
+  ContactEnergy contact;
+  Row4* now;                   // [vertices] cells
+
+  KNEAD_HD void operator()(uint32_t v) const { now[v] = to_row((1 / contact.to_local) * contact.rest[v] + contact.moved(v)); }
 };
 
 // The volume that M encloses, as a function of its vertices: 6 V = sum over triangles of a . (b x c). A vertex's part of the gradient.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 
 #include "graph/error.h"
 #include "kernels/collide.h"
@@ -16,11 +15,16 @@
 namespace knead {
 namespace {
 
-const int kMemory = getenv("EQ_M") ? atoi(getenv("EQ_M")) : 5;             // pairs that L-BFGS remembers
-constexpr int kMostMemory = 64;
+constexpr int kMemory = 8;             // pairs that L-BFGS remembers
+constexpr double kBulk = 10;           // stiffness of the enclosed volume over the body's own; the memory does the rest
+constexpr int kBulkInterval = 10;      // iterations between two looks at where the enclosed volume would grow
+constexpr double kVolume = 1e-4;       // relative error of the enclosed volume at rest
+constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
+constexpr int kRenewal = 5;            // the iteration at which the contacts are as good as known
+constexpr double kShorter = 0.7, kLonger = 1.05;  // how the metric is scaled when a full step was refused, or taken
+constexpr float kSkin = 3;             // cells: samples as near as this to a collider are looked at
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
-constexpr float kLeastVolume = 0.02f;  // a step may not take a tet's V / V0 below this, or below a fifth of what it is
 constexpr size_t kTetsPerPiece = 1024;
 constexpr size_t kMostPieces = 4096;
 
@@ -87,7 +91,7 @@ class Solver {
          const EquilibriumSettings& settings, EquilibriumFigures& figures)
       : executor_(executor), rest_(rest), settings_(settings), figures_(figures), lanes_(energy_lanes(executor)), u_(rest.rows), trial_(rest.rows),
         gradient_(rest.rows), trial_gradient_(rest.rows), direction_(rest.rows), forces_(4 * rest.stride), contact_(rest.samples.size() + 1),
-        now_(rest.samples.size() + 1), volume_gradient_(rest.samples.size() + 1), bulk_(rest.rows), bulk_solved_(rest.rows), memory_(colliders.size() * rest.samples.size() + 1), distance_(memory_.size()), scratch_(rest.factor->scratch_floats() + 16) {
+        now_(rest.samples.size() + 1), volume_gradient_(rest.samples.size() + 1), bulk_(rest.rows), bulk_solved_(rest.rows), listed_at_(rest.rows), memory_(colliders.size() * rest.samples.size() + 1), distance_(memory_.size()), scratch_(rest.factor->scratch_floats() + 16) {
     std::fill_n(memory_.data_for_write(), memory_.size(), 0.0f);
     for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
     set_contacts(placement, colliders);
@@ -100,7 +104,7 @@ class Solver {
       figures_.ended = "no contact";
       return rest_.rest;
     }
-    if (getenv("EQ_NOENTRY") == nullptr && find_entries()) now = evaluate(u_, gradient_);
+    if (find_entries()) now = evaluate(u_, gradient_);
     renew_metric();
     descend(now);
     figures_.volume = volume_error_;
@@ -127,7 +131,6 @@ class Solver {
     body_.rest = s.rest.data();
     body_.area = s.area.data();
     body_.force = contact_.data();
-    body_.now = now_.data();
     body_.count = static_cast<uint32_t>(colliders.size());
     body_.samples = static_cast<uint32_t>(s.size());
     body_.to_local = static_cast<float>(rest_.to_local);
@@ -136,6 +139,7 @@ class Solver {
     for (size_t k = 0; k < colliders.size(); ++k) {
       check_margin(*colliders[k], placement, settings_.margin, k);
       body_.colliders[k] = view_collider(*colliders[k], executor_.device(), placement);
+      skin_ = std::min(skin_, colliders[k]->outside_band * body_.colliders[k].scale / body_.to_local);
     }
   }
 
@@ -144,16 +148,47 @@ class Solver {
     body_.u = u.data();
     body_.memory = memory_.data_for_write();
     body_.distance = distance_.data_for_write();
-    ContactSum sum = parallel_reduce(executor_, body_.samples, "contact_energy", ContactSum{}, body_, [](const ContactSum& a, const ContactSum& b) {
+    keep_list(u);
+    ContactSum sum = parallel_reduce(executor_, list_.size(), "contact_energy", ContactSum{}, body_, [](const ContactSum& a, const ContactSum& b) {
       return ContactSum{a.energy + b.energy, std::max(a.deepest, b.deepest), std::max(a.change, b.change), a.active + b.active};
     });
     if (!rest_.fans.empty()) sum.energy += add_volume();
     return sum;
   }
 
+  // Samples that may touch something before H has moved further than the skin; the others push nothing.
+  void keep_list(Rows& u) {
+    if (listed_) {
+      const Row4 *a = u.data(), *b = listed_at_.data();
+      float most = 0;
+      for (uint32_t p = 0; p < rest_.places; ++p) {
+        const float x = a[p].x - b[p].x, y = a[p].y - b[p].y, z = a[p].z - b[p].z, squared = x * x + y * y + z * z;
+        most = squared > most ? squared : most;
+      }
+      if (most < skin_ * skin_) return;
+    }
+    listed_ = true;
+    std::copy_n(u.data(), rest_.rows, listed_at_.data());
+    near_.resize(body_.samples);
+    parallel_for(executor_, body_.samples, "contact_list", [&](uint32_t s) { near_[s] = body_.near(s, skin_); });
+    list_.clear();
+    Row4* force = contact_.data();
+    float* distance = distance_.data_for_write();
+    for (uint32_t s = 0; s < body_.samples; ++s) {
+      if (near_[s]) {
+        list_.push_back(s);
+        continue;
+      }
+      force[s] = {0, 0, 0, 0};
+      for (size_t k = 0; k < body_.count; ++k) distance[k * body_.samples + s] = ContactEnergy::kFar;
+    }
+    body_.list = list_.data();
+  }
+
   // kb/2 V0 (V/V0 - 1 + memory)^2 for M as a whole: its gradient goes to the samples' forces.
   double add_volume() {
     const uint32_t n = static_cast<uint32_t>(rest_.fan_offsets.size() - 1);
+    parallel_for(executor_, n, "vertex_places", VertexPlaces{body_, now_.data()});
     const VolumeGradient body{now_.data(), rest_.fan_offsets.data(), rest_.fans.data(), volume_gradient_.data()};
     const double volume = reduce_sum(executor_, n, "enclosed_volume", body);
     if (rest_volume_ == 0) rest_volume_ = volume;  // the first call is at rest
@@ -163,8 +198,10 @@ class Solver {
     const float push = static_cast<float>(stiffness * error * (rest_volume_ < 0 ? -1 : 1));
     Row4* force = contact_.data();
     const Row4* gradient = volume_gradient_.data();
-    if (push != 0)
-      for (uint32_t v = 0; v < n; ++v) force[v] = {force[v].x + push * gradient[v].x, force[v].y + push * gradient[v].y, force[v].z + push * gradient[v].z, 0};
+    for (uint32_t v = 0; v < n; ++v) {
+      const Vec3f own = near_[v] ? to_vec(force[v]) : Vec3f{0, 0, 0};
+      force[v] = to_row(own + push * to_vec(gradient[v]));
+    }
     return 0.5 * stiffness * std::abs(rest_volume_) * error * error;
   }
 
@@ -229,6 +266,7 @@ class Solver {
       any = true;
     }
     body_.exits = any ? exits_.data() : nullptr;
+    listed_ = !any;
     return any;
   }
 
@@ -248,8 +286,7 @@ class Solver {
   // P with the samples that push now: kc a w on the diagonal, lumped, the same for x, y and z.
   void renew_metric() {
     ScopedTime time(figures_.factor_seconds);
-    static const double share1 = getenv("EQ_S1") ? atof(getenv("EQ_S1")) : 1.0, share2 = getenv("EQ_S2") ? atof(getenv("EQ_S2")) : 1.0;
-    const double share = figures_.factors == 0 ? share1 : share2;
+    const double share = figures_.factors == 0 ? kFirstContacts : kLaterContacts;
     const SampleTable& s = rest_.samples;
     std::vector<float> weight(s.size(), 0), diagonal = rest_.metric_diagonal;
     const float *memory = memory_.data_for_write(), *distance = distance_.data_for_write();
@@ -289,16 +326,13 @@ class Solver {
     bulk_factor_ = 1 / (std::abs(rest_volume_) / bulk_stiffness() + lanes_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
   }
 
-  double bulk_stiffness() const {
-    static const double factor = getenv("EQ_BULK") ? atof(getenv("EQ_BULK")) : 10;
-    return factor * (1 + rest_.bulk);
-  }
+  double bulk_stiffness() const { return kBulk * (1 + rest_.bulk); }
 
   // direction_ <- -(metric of the last pairs) gradient
   void make_direction() {
     float* d = direction_.floats();
     std::copy_n(gradient_.floats(), floats(), d);
-    double weight[kMostMemory];
+    double weight[kMemory];
     for (int k = pairs_ - 1; k >= 0; --k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
       weight[slot] = lanes_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
@@ -337,42 +371,35 @@ class Solver {
 
   bool search(const Evaluation& now, double slope, Evaluation& next) {
     double along = 1;
-    const float least = std::min(kLeastVolume, 0.2f * now.least_volume);
     for (int attempt = 0; attempt < 12; ++attempt) {
       lanes_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
       next = evaluate(trial_, trial_gradient_);
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
-      static const bool refuse = getenv("EQ_REFUSE");
-      const bool upright = !refuse || next.least_volume > least || now.least_volume <= 0;
-      if (lower && upright) {
-        static const double down = getenv("EQ_DOWN") ? atof(getenv("EQ_DOWN")) : 0.7, up = getenv("EQ_UP") ? atof(getenv("EQ_UP")) : 1.1;
-        scale_ = attempt > 0 ? std::max(0.1, down * scale_) : std::min(1.0, up * scale_);
+      if (lower) {
+        scale_ = attempt > 0 ? std::max(0.1, kShorter * scale_) : std::min(1.0, kLonger * scale_);
         return true;
       }
       // The parabola through both energies and the slope, kept within a tenth and a half.
       const double curved = 2 * (next.energy - now.energy - along * slope);
       const double best = curved > 0 ? -slope * along * along / curved : 0.5 * along;
-      along = upright ? std::clamp(best, 0.1 * along, 0.5 * along) : 0.5 * along;
+      along = std::clamp(best, 0.1 * along, 0.5 * along);
     }
     return false;
   }
 
   void descend(Evaluation& now) {
-    const bool trace = getenv("EQ_TRACE") != nullptr;
     int since_update = 0;
-    static const int renew_at = getenv("EQ_RENEW") ? atoi(getenv("EQ_RENEW")) : 10;
     figures_.ended = "iterations";
     while (figures_.iterations < settings_.max_iterations) {
       if (settings_.check_cancelled) settings_.check_cancelled();
-      if (figures_.iterations == renew_at) {
+      if (figures_.iterations == kRenewal) {
         if (body_.exits) {  // the shape has the right side by now
           body_.exits = nullptr;
           evaluate_again(now);
         }
         renew_metric();
       }
-      static const int bulk_every = getenv("EQ_BE") ? atoi(getenv("EQ_BE")) : 10;
-      if (figures_.iterations % bulk_every == 0 && figures_.iterations != renew_at) renew_bulk();
+      if (figures_.iterations % kBulkInterval == 0 && figures_.iterations > 0) renew_bulk();
       make_direction();
       double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
       if (!(slope < 0) && pairs_ > 0) {
@@ -399,18 +426,14 @@ class Solver {
       std::swap(gradient_, trial_gradient_);
       now = next;
       const double change = now.contact.change / rest_.diagonal;
-      if (trace)
-        fprintf(stderr, "%3d e %.6g rel %.2e load %.3e step %.2e pen %.2e change %.2e active %u minJ %.3f evals %d vol %.2e\n", figures_.iterations, now.energy, relative(now), now.load,
-                figures_.step, now.contact.deepest / rest_.diagonal, change, now.contact.active, static_cast<double>(now.least_volume), figures_.evaluations, volume_error_);
-      const bool settled = !body_.exits && std::abs(volume_error_) < 1e-4 && relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
+      const bool settled = !body_.exits && std::abs(volume_error_) <= kVolume && relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
       if (settled && change <= settings_.penetration) {
         figures_.ended = "rest";
         return;
       }
-      if ((change > settings_.penetration || std::abs(volume_error_) > 1e-4) && (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
+      if ((change > settings_.penetration || std::abs(volume_error_) > kVolume) && (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
         update_memory(now);
         since_update = 0;
-        if (trace) fprintf(stderr, "    update: rel %.2e change %.2e active %u\n", relative(now), now.contact.change / rest_.diagonal, now.contact.active);
       }
     }
   }
@@ -434,14 +457,18 @@ class Solver {
   const EquilibriumSettings& settings_;
   EquilibriumFigures& figures_;
   const EnergyLanes& lanes_;
-  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, contact_, now_, volume_gradient_, bulk_, bulk_solved_;
+  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, contact_, now_, volume_gradient_, bulk_, bulk_solved_, listed_at_;
   std::vector<Rows> steps_, changes_;
-  double over_[kMostMemory] = {};  // 1 / s.y
+  double over_[kMemory] = {};  // 1 / s.y
   int pairs_ = 0, newest_ = kMemory - 1;
   Buffer<float> memory_, distance_, scratch_;
   std::vector<ElasticSum> parts_;
   double elastic_energy_ = 0, rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0, bulk_factor_ = 0, scale_ = 1;
   std::vector<float> exits_;
+  std::vector<uint32_t> list_;
+  std::vector<char> near_;
+  float skin_ = kSkin;  // cells
+  bool listed_ = false;
   ContactEnergy body_{};
   std::unique_ptr<SparseCholesky> factor_;  // of this frame's contacts
 };

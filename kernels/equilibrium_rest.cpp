@@ -4,7 +4,6 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <map>
 #include <numeric>
 
@@ -66,14 +65,13 @@ std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const
 // P's entries: mean of the three diagonal entries of the elastic Hessian's blocks at rest, which is a multiple of the Laplacian per tet.
 void add_stiffness(const Assembly& a, const std::vector<uint32_t>& place, std::vector<std::array<uint32_t, 2>>& edges, std::vector<double>& entries,
                    std::vector<double>& diagonal) {
-  const double share = getenv("EQ_SHARE") ? atof(getenv("EQ_SHARE")) : 1.0;
   std::map<std::array<uint32_t, 2>, double> sums;
   const auto tets = a.tets.tets.host();
   const auto volumes = a.tets.rest_volumes.host();
   for (size_t t = 0; t < tets.size(); ++t) {
     const auto g = shape_gradients(a.edges(tets[t]));
     const std::array<Vec3d, 4> n{-(g[0] + g[1] + g[2]), g[0], g[1], g[2]};
-    const double weight = volumes[t] * (a.mu(t) + share * a.lame(t));
+    const double weight = volumes[t] * (a.mu(t) + a.lame(t));
     for (int i = 0; i < 4; ++i) {
       diagonal[place[tets[t][i]]] += weight * dot(n[i], n[i]);
       for (int j = i + 1; j < 4; ++j) {
@@ -263,8 +261,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   for (size_t t = 0; t < tets.tets.size(); ++t)
     for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
 
-  const uint32_t leaf = getenv("EQ_LEAF") ? static_cast<uint32_t>(atoi(getenv("EQ_LEAF"))) : 16;
-  const Dissection dissection = nested_dissection(tets.rest.host(), tets.edges.host(), leaf);
+  constexpr uint32_t kLeaf = 16;
+  const Dissection dissection = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf);
   rest.figures.order_seconds = seconds_since(start);
   rest.vertex_at = dissection.order;
   std::vector<uint32_t> place(n);
@@ -298,9 +296,7 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   const auto before_factor = std::chrono::steady_clock::now();
   rest.metric_diagonal.assign(diagonal.begin(), diagonal.end());
   const auto plan = std::make_shared<const FactorPlan>(dissection, std::move(edges), std::vector<float>(entries.begin(), entries.end()));
-  const auto before_numbers = std::chrono::steady_clock::now();
   rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, rest.metric_diagonal);
-  if (getenv("EQ_TRACE")) fprintf(stderr, "plan %.4f s, numbers %.4f s, %.3g flops, %zu values\n", std::chrono::duration<double>(before_numbers - before_factor).count(), seconds_since(before_numbers), plan->flops(), plan->stored_values());
   rest.figures.factor_seconds = seconds_since(before_factor);
   rest.figures.vertices = n;
   rest.figures.tets = rest.tets;
