@@ -53,8 +53,9 @@ TEST_P(Elastic, HasTheGradientOfItsEnergy) {
     Tets tets(16, GetParam(), amount, 7);
     for (uint32_t t = 0; t < 16; ++t) {
       tets.body()(t);
+      const std::vector<Row4> forces = tets.forces;
       for (size_t c = 0; c < 4; ++c) {
-        const Row4 force = tets.forces[c * tets.stride + t];
+        const Row4 force = forces[c * tets.stride + t];
         for (int d = 0; d < 3; ++d) {
           float& at = (&tets.u[4 * t + c].x)[d];
           const float was = at, h = 0.02f * std::max(amount, 0.05f);

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <cstring>
 #include <random>
 
 #include "graph/error.h"
@@ -69,10 +70,10 @@ void expect_solves(int n, uint32_t leaf) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> part(0.1, 1);
   std::vector<std::array<uint32_t, 2>> edges;
-  std::vector<double> entries, diagonal(size, 0.01);
+  std::vector<float> entries, diagonal(size, 0.01f);
   Eigen::MatrixXd dense = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(size), static_cast<Eigen::Index>(size));
   for (const auto& [a, b] : box.edges) {
-    const double w = part(random);
+    const float w = static_cast<float>(part(random));
     edges.push_back({place[a], place[b]});
     entries.push_back(-w);
     dense(place[a], place[b]) = dense(place[b], place[a]) = -w;
@@ -81,7 +82,8 @@ void expect_solves(int n, uint32_t leaf) {
   }
   for (size_t i = 0; i < size; ++i) dense(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) = diagonal[i];
   const auto executor = make_cpu_executor(2);
-  const SparseCholesky factor(*executor, dissection, edges, entries, diagonal);
+  const auto plan = std::make_shared<const FactorPlan>(dissection, edges, entries);
+  const SparseCholesky factor(*executor, energy_lanes(*executor), plan, diagonal);
   Eigen::MatrixXd right = Eigen::MatrixXd::Random(static_cast<Eigen::Index>(size), 3);
   const Eigen::MatrixXd exact = dense.llt().solve(right);
   for (const EnergyLanes* lanes : {energy_lanes_scalar(), &energy_lanes(*executor)}) {
@@ -107,12 +109,37 @@ TEST(SparseCholesky, SolvesAsADenseFactorDoes) {
   expect_solves(7, 1000);  // one node of several panels
 }
 
+TEST(SparseCholesky, IsTheSameFactorWhenOnlyThePartThatChangedIsMadeAnew) {
+  const Box box(8);
+  const Dissection dissection = nested_dissection(box.points, box.edges, 8);
+  std::vector<uint32_t> place(box.points.size());
+  for (uint32_t p = 0; p < place.size(); ++p) place[dissection.order[p]] = p;
+  std::vector<std::array<uint32_t, 2>> edges;
+  for (const auto& [a, b] : box.edges) edges.push_back({place[a], place[b]});
+  std::vector<float> diagonal(box.points.size(), 30), other;
+  const auto plan = std::make_shared<const FactorPlan>(dissection, edges, std::vector<float>(edges.size(), -1.0f));
+  for (const auto& executor : {make_serial_executor(), make_cpu_executor(2)}) {
+    const EnergyLanes& lanes = energy_lanes(*executor);
+    const SparseCholesky before(*executor, lanes, plan, diagonal);
+    other = diagonal;
+    for (const uint32_t p : {3u, 4u, 200u}) other[p] = 77;
+    const SparseCholesky renewed(*executor, lanes, before, other), whole(*executor, lanes, plan, other);
+    std::vector<float> scratch(whole.scratch_floats());
+    Buffer<Row4> x(diagonal.size()), y(diagonal.size());
+    for (uint32_t p = 0; p < diagonal.size(); ++p) x.data_for_write()[p] = y.data_for_write()[p] = {1, static_cast<float>(p % 7), -2, 0};
+    renewed.solve(lanes, x.data_for_write(), scratch.data());
+    whole.solve(lanes, y.data_for_write(), scratch.data());
+    EXPECT_EQ(std::memcmp(x.host().data(), y.host().data(), x.bytes()), 0);
+  }
+}
+
 TEST(SparseCholesky, RefusesAMatrixThatIsNotPositive) {
   const Box box(2);
   const Dissection dissection = nested_dissection(box.points, box.edges, 100);
-  const std::vector<double> entries(box.edges.size(), -1.0), diagonal(box.points.size(), 0.5);
+  const std::vector<float> entries(box.edges.size(), -1.0f), diagonal(box.points.size(), 0.5f);
   const auto executor = make_serial_executor();
-  EXPECT_THROW(SparseCholesky(*executor, dissection, box.edges, entries, diagonal), Error);
+  const auto plan = std::make_shared<const FactorPlan>(dissection, box.edges, entries);
+  EXPECT_THROW(SparseCholesky(*executor, energy_lanes(*executor), plan, diagonal), Error);
 }
 
 }  // namespace sparse_cholesky_test
