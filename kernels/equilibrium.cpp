@@ -22,6 +22,9 @@ constexpr double kVolume = 1e-4;       // relative error of the enclosed volume 
 constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
 constexpr int kRenewal = 5;            // the iteration at which the contacts are as good as known
 constexpr double kShorter = 0.7, kLonger = 1.05;  // how the metric is scaled when a full step was refused, or taken
+constexpr int kPatience = 4;           // updates of the memory after which its error should have fallen by
+constexpr double kProgress = 0.5;      // this factor, else contacts become stiffer,
+constexpr double kStiffest = 16;       // at most this much
 constexpr float kSkin = 3;             // cells: samples as near as this to a collider are looked at
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
@@ -270,6 +273,21 @@ class Solver {
     return any;
   }
 
+  // A memory that fills too slowly gets stiffer contacts: the forces stay as they are.
+  void stiffen(double change) {
+    if (++updates_since_ >= kPatience) {
+      updates_since_ = 0;
+      if (change > kProgress * change_before_ && change > settings_.penetration * rest_.diagonal && stiffer_ < kStiffest) {
+        stiffer_ *= 2;
+        body_.stiffness *= 2;
+        float* memory = memory_.data_for_write();
+        for (size_t i = 0; i + 1 < memory_.size(); ++i) memory[i] *= 0.5f;
+        renew_metric();
+      }
+      change_before_ = change;
+    }
+  }
+
   // lambda <- max(0, lambda - phi), then the gradient anew at the same place.
   void update_memory(Evaluation& now) {
     float* memory = memory_.data_for_write();
@@ -277,6 +295,7 @@ class Solver {
     for (size_t i = 0; i + 1 < memory_.size(); ++i) memory[i] = std::max(0.0f, memory[i] - distance[i]);
     volume_memory_ += volume_error_;
     ++figures_.updates;
+    stiffen(now.contact.change);
     now.contact = evaluate_contact(u_);
     gather(u_, gradient_, now);
   }
@@ -468,6 +487,8 @@ class Solver {
   std::vector<uint32_t> list_;
   std::vector<char> near_;
   float skin_ = kSkin;  // cells
+  int updates_since_ = 0;
+  double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
   ContactEnergy body_{};
   std::unique_ptr<SparseCholesky> factor_;  // of this frame's contacts
