@@ -1,5 +1,6 @@
-// One contact sample of the equilibrium's energy (method.md 4): kc/2 a min(0, phi - lambda)^2 for every collider, and its gradient. A sample is a point of M that
-// rides in H: y = y_rest + cell * sum w u. Each collider is a constraint of its own with its own memory lambda, so that a vertex between two is held by both.
+// One contact sample of the equilibrium's energy (method.md 4): kc/2 a min(0, phi - lambda)^2 for every collider, and its gradient. A sample is a
+// point of M that rides in H: y = y_rest + cell * sum w u. Each collider is a constraint of its own with its own memory lambda, so that a vertex
+// between two is held by both.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -11,30 +12,31 @@ namespace knead {
 
 struct ContactSum {
   double energy = 0;
-  float deepest = 0;   // penetration, cells
-  float change = 0;    // the largest change of a memory that an update would make, cells
-  uint32_t active = 0; // constraints that push
+  float deepest = 0;    // penetration, cells
+  float change = 0;     // the largest change of a memory that an update would make, cells
+  uint32_t active = 0;  // constraints that push
 };
 
 struct ContactEnergy {
-  const Row4* u;               // displacements of H, cells
-  const uint32_t* offsets;     // [samples + 1] into indices and weights
-  const uint32_t* indices;     // vertices of H
+  const Row4* u;            // displacements of H, cells
+  const uint32_t* offsets;  // [samples + 1] into indices and weights
+  const uint32_t* indices;  // vertices of H
   const float* weights;
-  const Vec3f* rest;           // y_rest, M's local units
-  const float* area;           // cells^2
-  const float* memory;         // [colliders][samples] lambda, cells
-  float* distance;             // [colliders][samples] phi - margin, cells; kFar where it cannot matter
-  const float* exits;          // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
-  Row4* force;                 // [samples] gradient by the sample's place
-  const uint32_t* list;        // the samples that may be in contact
-  Vec3f entry[kMostColliders]; // unit, the way a collider came in
+  const Vec3f* rest;    // y_rest, M's local units
+  const float* area;    // cells^2
+  const float* memory;  // [colliders][samples] lambda, cells
+  float* distance;      // [colliders][samples] phi - margin, cells; kFar where it cannot matter
+  const float*
+      exits;    // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
+  Row4* force;  // [samples] gradient by the sample's place
+  const uint32_t* list;         // the samples that may be in contact
+  Vec3f entry[kMostColliders];  // unit, the way a collider came in
   ColliderView colliders[kMostColliders];
   uint32_t count;
   uint32_t samples;
-  float to_local;              // cells to M's local units
-  float margin;                // cells
-  float stiffness;             // kc, per cell
+  float to_local;   // cells to M's local units
+  float margin;     // cells
+  float stiffness;  // kc, per cell
 
   static constexpr float kFar = 1e30f;
 
@@ -70,8 +72,10 @@ struct ContactEnergy {
       const Vec3f p = CollidePush::to_index(c, y);
       Vec3f slope{0, 0, 0};
       const bool by_entry = exits && exits[at] >= 0;
-      if (by_entry) phi = dot(entry[k], move) - exits[at];
-      else if (sampler.reaches(p, (lambda + margin) / to_cells)) phi = sampler.spline(p, slope) * to_cells - margin;
+      if (by_entry)
+        phi = dot(entry[k], move) - exits[at];
+      else if (sampler.reaches(p, (lambda + margin) / to_cells))
+        phi = sampler.spline(p, slope) * to_cells - margin;
       distance[at] = phi;
       const float next = lambda > phi ? lambda - phi : 0.0f, change = next > lambda ? next - lambda : lambda - next;
       sum.change = change > sum.change ? change : sum.change;
@@ -88,8 +92,8 @@ struct ContactEnergy {
   }
 };
 
-// How far along the way in a sample that is inside at rest comes out of the collider again. A sphere as wide as the depth is free of walls, so steps are that
-// long.
+// How far along the way in a sample that is inside at rest comes out of the collider again. A sphere as wide as the depth is free of walls, so steps
+// are that long.
 struct ContactExit {
   ContactEnergy contact;
   uint32_t collider;
@@ -115,17 +119,17 @@ struct ContactExit {
 // Where M's vertices are.
 struct VertexPlaces {
   ContactEnergy contact;
-  Row4* now;                   // [vertices] cells
+  Row4* now;  // [vertices] cells
 
   KNEAD_HD void operator()(uint32_t v) const { now[v] = to_row((1 / contact.to_local) * contact.rest[v] + contact.moved(v)); }
 };
 
 // The volume that M encloses, as a function of its vertices: 6 V = sum over triangles of a . (b x c). A vertex's part of the gradient.
 struct VolumeGradient {
-  const Row4* now;             // [vertices] cells
-  const uint32_t* offsets;     // [vertices + 1] into `pairs`
-  const uint32_t* pairs;       // the other two corners of each triangle, in order
-  Row4* gradient;              // [vertices]
+  const Row4* now;          // [vertices] cells
+  const uint32_t* offsets;  // [vertices + 1] into `pairs`
+  const uint32_t* pairs;    // the other two corners of each triangle, in order
+  Row4* gradient;           // [vertices]
 
   // Its share of the volume: V is homogeneous of degree 3.
   KNEAD_HD double operator()(uint32_t v) const {

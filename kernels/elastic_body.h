@@ -1,10 +1,10 @@
-// Elastic energy of H and its gradient, tet by tet: a lane is a tet. Displacements u = x - x_rest go in, so that float32 keeps its digits however far the body
-// is from the origin and however little it is deformed; nothing below subtracts numbers that are nearly equal.
+// Elastic energy of H and its gradient, tet by tet: a lane is a tet. Displacements u = x - x_rest go in, so that float32 keeps its digits however far
+// the body is from the origin and however little it is deformed; nothing below subtracts numbers that are nearly equal.
 //
 // With G = sum_c (u_c - u_0) (x) grad N_c and F = I + G:
-//   stable neo-Hookean  mu/2 (|F|^2 - 3) - mu (J - 1) + lambda/2 (J - 1)^2     Smith, de Goes, Kim 2018, without the logarithm; lambda here is Lame's plus mu
-//   corotated           mu |F - R|^2 + lambda/2 (J - 1)^2                      R the rotation next to F
-//   edges               mu/2 sum_e (|e| - L)^2 / L^2 + lambda/2 (J - 1)^2      springs (method.md 4)
+//   stable neo-Hookean  mu/2 (|F|^2 - 3) - mu (J - 1) + lambda/2 (J - 1)^2     Smith, de Goes, Kim 2018, without the logarithm; lambda here is Lame's
+//   plus mu corotated           mu |F - R|^2 + lambda/2 (J - 1)^2                      R the rotation next to F edges               mu/2 sum_e (|e| -
+//   L)^2 / L^2 + lambda/2 (J - 1)^2      springs (method.md 4)
 // each times the tet's rest volume.
 #pragma once
 #include <cstddef>
@@ -143,7 +143,8 @@ struct ElasticTets {
     using L = Lane<F>;
     using R = Rows4<F>;
     const Vec3<F> u0 = R::load(u, corners + t);
-    const TetCorners<F> s{R::load(u, corners + stride + t) - u0, R::load(u, corners + 2 * stride + t) - u0, R::load(u, corners + 3 * stride + t) - u0};
+    const TetCorners<F> s{R::load(u, corners + stride + t) - u0, R::load(u, corners + 2 * stride + t) - u0,
+                          R::load(u, corners + 3 * stride + t) - u0};
     const float* d = shape + t;
     const TetCorners<F> n{{L::load(d), L::load(d + stride), L::load(d + 2 * stride)},
                           {L::load(d + 3 * stride), L::load(d + 4 * stride), L::load(d + 5 * stride)},

@@ -24,8 +24,8 @@ struct EnergyLanes {
   void (*store_panel)(const float* front, uint32_t ld, uint32_t begin, uint32_t end, uint32_t height, float* to);
   // Vectors of n floats, n a multiple of 16, aligned.
   double (*dot)(const float* a, const float* b, size_t n);
-  void (*add_scaled)(float* to, const float* from, float by, size_t n);                   // to += by * from
-  void (*combine)(float* to, const float* a, const float* b, float by, size_t n);         // to = a + by * b
+  void (*add_scaled)(float* to, const float* from, float by, size_t n);            // to += by * from
+  void (*combine)(float* to, const float* a, const float* b, float by, size_t n);  // to = a + by * b
 };
 
 const EnergyLanes* energy_lanes_scalar();

@@ -15,17 +15,17 @@
 namespace knead {
 namespace {
 
-constexpr int kMemory = 8;             // pairs that L-BFGS remembers
-constexpr double kBulk = 10;           // stiffness of the enclosed volume over the body's own; the memory does the rest
-constexpr int kBulkInterval = 10;      // iterations between two looks at where the enclosed volume would grow
-constexpr double kVolume = 1e-4;       // relative error of the enclosed volume at rest
+constexpr int kMemory = 8;                                  // pairs that L-BFGS remembers
+constexpr double kBulk = 10;                                // stiffness of the enclosed volume over the body's own; the memory does the rest
+constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
+constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
-constexpr int kRenewal = 5;            // the iteration at which the contacts are as good as known
-constexpr double kShorter = 0.7, kLonger = 1.05;  // how the metric is scaled when a full step was refused, or taken
-constexpr int kPatience = 4;           // updates of the memory after which its error should have fallen by
-constexpr double kProgress = 0.5;      // this factor, else contacts become stiffer,
-constexpr double kStiffest = 16;       // at most this much
-constexpr float kSkin = 3;             // cells: samples as near as this to a collider are looked at
+constexpr int kRenewal = 5;                                 // the iteration at which the contacts are as good as known
+constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
+constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
+constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
+constexpr double kStiffest = 16;                            // at most this much
+constexpr float kSkin = 3;                                  // cells: samples as near as this to a collider are looked at
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
 constexpr size_t kTetsPerPiece = 1024;
@@ -42,11 +42,11 @@ struct ScopedTime {
 
 // One place of H: the sum of what acts on it.
 struct Gather {
-  const Row4* forces;          // by slot
+  const Row4* forces;  // by slot
   const uint32_t *slot_offsets, *slots;
   const Row4* u;
   const float *hold, *free;
-  const Row4* contact;         // by sample; null when nothing pushes
+  const Row4* contact;  // by sample; null when nothing pushes
   const uint32_t *back_offsets, *back_samples;
   const float* back_weights;
   Row4* gradient;
@@ -92,9 +92,26 @@ class Solver {
  public:
   Solver(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
          const EquilibriumSettings& settings, EquilibriumFigures& figures)
-      : executor_(executor), rest_(rest), settings_(settings), figures_(figures), lanes_(energy_lanes(executor)), u_(rest.rows), trial_(rest.rows),
-        gradient_(rest.rows), trial_gradient_(rest.rows), direction_(rest.rows), forces_(4 * rest.stride), contact_(rest.samples.size() + 1),
-        now_(rest.samples.size() + 1), volume_gradient_(rest.samples.size() + 1), bulk_(rest.rows), bulk_solved_(rest.rows), listed_at_(rest.rows), memory_(colliders.size() * rest.samples.size() + 1), distance_(memory_.size()), scratch_(rest.factor->scratch_floats() + 16) {
+      : executor_(executor),
+        rest_(rest),
+        settings_(settings),
+        figures_(figures),
+        lanes_(energy_lanes(executor)),
+        u_(rest.rows),
+        trial_(rest.rows),
+        gradient_(rest.rows),
+        trial_gradient_(rest.rows),
+        direction_(rest.rows),
+        forces_(4 * rest.stride),
+        contact_(rest.samples.size() + 1),
+        now_(rest.samples.size() + 1),
+        volume_gradient_(rest.samples.size() + 1),
+        bulk_(rest.rows),
+        bulk_solved_(rest.rows),
+        listed_at_(rest.rows),
+        memory_(colliders.size() * rest.samples.size() + 1),
+        distance_(memory_.size()),
+        scratch_(rest.factor->scratch_floats() + 16) {
     std::fill_n(memory_.data_for_write(), memory_.size(), 0.0f);
     for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
     set_contacts(placement, colliders);
@@ -125,7 +142,8 @@ class Solver {
 
   void set_contacts(const Similarity& placement, std::span<const Sdf* const> colliders) {
     if (colliders.size() > kMostColliders)
-      throw Error(ErrorCode::kInput, std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
+      throw Error(ErrorCode::kInput,
+                  std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
                   "join some of them with union_sdf");
     const SampleTable& s = rest_.samples;
     body_.offsets = s.offsets.data();
@@ -210,11 +228,21 @@ class Solver {
 
   void gather(Rows& u, Rows& gradient, Evaluation& at) {
     const SampleTable& s = rest_.samples;
-    const Gather body{forces_.data(), rest_.slot_offsets.data(), rest_.slots.data(), u.data(), rest_.hold.data(), rest_.free.data(),
-                      at.contact.active || !rest_.fans.empty() ? contact_.data() : nullptr, s.back_offsets.data(), s.back_samples.data(), s.back_weights.data(), gradient.data()};
-    const Gather::Sum sum = parallel_reduce(executor_, rest_.places, "gather_forces", Gather::Sum{}, body, [](const Gather::Sum& a, const Gather::Sum& b) {
-      return Gather::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
-    });
+    const Gather body{forces_.data(),
+                      rest_.slot_offsets.data(),
+                      rest_.slots.data(),
+                      u.data(),
+                      rest_.hold.data(),
+                      rest_.free.data(),
+                      at.contact.active || !rest_.fans.empty() ? contact_.data() : nullptr,
+                      s.back_offsets.data(),
+                      s.back_samples.data(),
+                      s.back_weights.data(),
+                      gradient.data()};
+    const Gather::Sum sum =
+        parallel_reduce(executor_, rest_.places, "gather_forces", Gather::Sum{}, body, [](const Gather::Sum& a, const Gather::Sum& b) {
+          return Gather::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
+        });
     at.gradient = std::sqrt(sum.squares);
     at.load = std::sqrt(sum.load);
     at.energy = elastic_energy_ + sum.energy + at.contact.energy;
@@ -225,8 +253,14 @@ class Solver {
     ++figures_.evaluations;
     {
       ScopedTime time(figures_.elastic_seconds);
-      const ElasticTets body{u.data(), rest_.corners.host().data(), rest_.shape.host().data(), rest_.mu.host().data(), rest_.lambda.host().data(), forces_.data(),
-                             rest_.stride, rest_.term};
+      const ElasticTets body{u.data(),
+                             rest_.corners.host().data(),
+                             rest_.shape.host().data(),
+                             rest_.mu.host().data(),
+                             rest_.lambda.host().data(),
+                             forces_.data(),
+                             rest_.stride,
+                             rest_.term};
       const size_t grain = std::max(kTetsPerPiece, (rest_.stride / kMostPieces + 15) / 16 * 16);
       std::vector<ElasticSum>& parts = parts_;
       parts.resize(rest_.stride / grain + 1);
@@ -246,8 +280,9 @@ class Solver {
     return at;
   }
 
-  // Where a collider has come in deep, the nearest way out may lead to the other side, or sideways out of a half-sunk ball. So a start from rest goes by the way
-  // in: against the mean of M's normals over the samples that are inside. Each of these first has to go as far along it as it takes to come out.
+  // Where a collider has come in deep, the nearest way out may lead to the other side, or sideways out of a half-sunk ball. So a start from rest goes
+  // by the way in: against the mean of M's normals over the samples that are inside. Each of these first has to go as far along it as it takes to
+  // come out.
   bool find_entries() {
     const SampleTable& s = rest_.samples;
     const float* distance = distance_.data_for_write();
@@ -445,12 +480,14 @@ class Solver {
       std::swap(gradient_, trial_gradient_);
       now = next;
       const double change = now.contact.change / rest_.diagonal;
-      const bool settled = !body_.exits && std::abs(volume_error_) <= kVolume && relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
+      const bool settled =
+          !body_.exits && std::abs(volume_error_) <= kVolume && relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
       if (settled && change <= settings_.penetration) {
         figures_.ended = "rest";
         return;
       }
-      if ((change > settings_.penetration || std::abs(volume_error_) > kVolume) && (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
+      if ((change > settings_.penetration || std::abs(volume_error_) > kVolume) &&
+          (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
         update_memory(now);
         since_update = 0;
       }

@@ -200,8 +200,7 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
   const auto volumes = a.tets.rest_volumes.host();
   // Tets in the order of their first place: neighbours in memory are neighbours in space.
   std::vector<std::pair<uint32_t, uint32_t>> order(tets.size());
-  for (uint32_t t = 0; t < tets.size(); ++t)
-    order[t] = {std::min({place[tets[t][0]], place[tets[t][1]], place[tets[t][2]], place[tets[t][3]]}), t};
+  for (uint32_t t = 0; t < tets.size(); ++t) order[t] = {std::min({place[tets[t][0]], place[tets[t][1]], place[tets[t][2]], place[tets[t][3]]}), t};
   std::sort(order.begin(), order.end());
   rest.tets = tets.size();
   rest.stride = (tets.size() + kLanes - 1) / kLanes * kLanes;
@@ -239,7 +238,8 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
 
 }  // namespace
 
-std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice, const EquilibriumMaterial& material) {
+std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
+                                                           const EquilibriumMaterial& material) {
   require_host(executor, "equilibrium");
   require_size(lattice.tet_rest.size(), tets.vertices(), "equilibrium", "vertices in the lattice", "vertices of the tet mesh");
   const auto start = std::chrono::steady_clock::now();
@@ -253,8 +253,12 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.to_local = lattice.to_local.scale;
   rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
 
-  Assembly a{tets, lattice, material, painted(executor, material.stiffness_weights, lattice, "stiffness weights", false),
-             painted(executor, material.volume_weights, lattice, "volume weights", false), std::vector<double>(n, 0)};
+  Assembly a{tets,
+             lattice,
+             material,
+             painted(executor, material.stiffness_weights, lattice, "stiffness weights", false),
+             painted(executor, material.volume_weights, lattice, "volume weights", false),
+             std::vector<double>(n, 0)};
   for (float& w : a.stiffness) w = std::max(w, 1e-3f);  // no stiffness at all is no shape at all
   const std::vector<float> hold = painted(executor, material.hold_weights, lattice, "hold weights", false);
   const std::vector<float> pins = painted(executor, material.pins, lattice, "pins", true);
@@ -275,8 +279,10 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   for (uint32_t v = 0; v < n; ++v) {
     double pull = material.hold * (hold.empty() ? 1.0 : hold[v]);
     const double pin = pins.empty() ? 0 : pins[v];
-    if (pin >= 1) rest.free[place[v]] = 0, rest.any_pinned = true;
-    else if (pin > 0) pull += 100 * pin / (1 - pin);
+    if (pin >= 1)
+      rest.free[place[v]] = 0, rest.any_pinned = true;
+    else if (pin > 0)
+      pull += 100 * pin / (1 - pin);
     rest.hold[place[v]] = static_cast<float>(pull / (rest.diagonal * rest.diagonal) * a.mass[v]);
   }
   const double mean_lame = 2 * material.poisson_ratio / (1 - 2 * material.poisson_ratio);
@@ -306,6 +312,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   return made;
 }
 
-const RestFigures& figures_of(const EquilibriumRest& rest) { return rest.figures; }
+const RestFigures& figures_of(const EquilibriumRest& rest) {
+  return rest.figures;
+}
 
 }  // namespace knead

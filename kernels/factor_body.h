@@ -20,7 +20,7 @@ struct Panel {
   uint32_t first = 0, width = 0;  // columns
   uint32_t rows = 0;              // first of its rows below, in FactorView::rows
   uint32_t row_count = 0;
-  size_t values = 0;              // first of its entries, in FactorView::values
+  size_t values = 0;  // first of its entries, in FactorView::values
   KNEAD_HD uint32_t blocks() const { return (width + row_count + kPanelBlock - 1) / kPanelBlock; }
 };
 
@@ -113,14 +113,14 @@ struct PanelSolve {
   }
 };
 
-// A front of the multifrontal factorisation: a dense symmetric matrix, lower half, by columns `ld` apart. Its first `width` columns are eliminated; what is left
-// of the others is the front's update. Entries above the diagonal are neither read nor kept.
+// A front of the multifrontal factorisation: a dense symmetric matrix, lower half, by columns `ld` apart. Its first `width` columns are eliminated;
+// what is left of the others is the front's update. Entries above the diagonal are neither read nor kept.
 template <class F>
 struct FrontFactor {
   using L = Lane<F>;
-  static constexpr uint32_t kColumns = 8;            // of a tile of products
-  static constexpr uint32_t kRows = 2 * L::kWidth;   // and its rows
-  static constexpr uint32_t kBlock = 16;             // columns eliminated between two updates
+  static constexpr uint32_t kColumns = 8;           // of a tile of products
+  static constexpr uint32_t kRows = 2 * L::kWidth;  // and its rows
+  static constexpr uint32_t kBlock = 16;            // columns eliminated between two updates
 
   // The distance between the columns of a front: whole tiles, and no power of two, which would make cache lines collide.
   static uint32_t stride(uint32_t height) {
@@ -154,8 +154,10 @@ struct FrontFactor {
     for (uint32_t j = begin; j < end;) {
       const uint32_t count = end - j >= kColumns ? kColumns : 1;
       for (uint32_t i = j / kRows * kRows; i < ld; i += kRows) {
-        if (count == kColumns) tile<kColumns>(left + i, ld, left + j, ld, to - from, a + static_cast<size_t>(j) * ld + i);
-        else tile<1>(left + i, ld, left + j, ld, to - from, a + static_cast<size_t>(j) * ld + i);
+        if (count == kColumns)
+          tile<kColumns>(left + i, ld, left + j, ld, to - from, a + static_cast<size_t>(j) * ld + i);
+        else
+          tile<1>(left + i, ld, left + j, ld, to - from, a + static_cast<size_t>(j) * ld + i);
       }
       j += count;
     }
@@ -223,8 +225,10 @@ struct FrontFactor {
 
  private:
   static void set(F& v, uint32_t l, float to) {
-    if constexpr (L::kWidth == 1) v = to;
-    else v[l] = to;
+    if constexpr (L::kWidth == 1)
+      v = to;
+    else
+      v[l] = to;
   }
   // One entry of B, for blocks that straddle T^-1 and the rows below.
   static float entry(const float* a, uint32_t ld, uint32_t begin, uint32_t width, uint32_t height, const float* inverse, uint32_t row, uint32_t j) {

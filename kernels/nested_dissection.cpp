@@ -49,8 +49,10 @@ class Dissector {
     std::vector<uint32_t> lower, upper, separator;
     for (const uint32_t v : vertices) {
       const bool above = points_[v][cut.axis] >= cut.at;
-      if (above == cut.upper && touches(v, part, cut, !above)) separator.push_back(v);
-      else (above ? upper : lower).push_back(v);
+      if (above == cut.upper && touches(v, part, cut, !above))
+        separator.push_back(v);
+      else
+        (above ? upper : lower).push_back(v);
     }
     if (separator.empty()) {  // parts that do not touch: an empty node would join them for nothing, but parents must exist
       separator.push_back((upper.empty() ? lower : upper).back());

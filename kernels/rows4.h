@@ -1,4 +1,5 @@
-// Three-vectors in rows of four floats (x, y, z, 0), as the equilibrium solver keeps them: one aligned load a row, and a row is a vector of its own in sums.
+// Three-vectors in rows of four floats (x, y, z, 0), as the equilibrium solver keeps them: one aligned load a row, and a row is a vector of its own
+// in sums.
 #pragma once
 #include "kernels/pack.h"
 
@@ -8,8 +9,12 @@ struct alignas(16) Row4 {
   float x, y, z, w;
 };
 
-KNEAD_HD Vec3f to_vec(const Row4& r) { return {r.x, r.y, r.z}; }
-KNEAD_HD Row4 to_row(const Vec3f& v) { return {v.x, v.y, v.z, 0}; }
+KNEAD_HD Vec3f to_vec(const Row4& r) {
+  return {r.x, r.y, r.z};
+}
+KNEAD_HD Row4 to_row(const Vec3f& v) {
+  return {v.x, v.y, v.z, 0};
+}
 
 template <class F>
 struct Rows4;
@@ -22,9 +27,15 @@ struct Rows4<float> {
 
 #if defined(__SSE2__) && !defined(__CUDACC__)
 namespace detail {
-KNEAD_HD Pack<4> quad(const Row4* v, uint32_t i) { return _mm_load_ps(&v[i].x); }
-KNEAD_HD Pack<4> quads(const Row4* v, const uint32_t* i, Pack<4>) { return quad(v, *i); }
-KNEAD_HD void put_quads(Row4* to, Pack<4> r) { _mm_store_ps(&to->x, r); }
+KNEAD_HD Pack<4> quad(const Row4* v, uint32_t i) {
+  return _mm_load_ps(&v[i].x);
+}
+KNEAD_HD Pack<4> quads(const Row4* v, const uint32_t* i, Pack<4>) {
+  return quad(v, *i);
+}
+KNEAD_HD void put_quads(Row4* to, Pack<4> r) {
+  _mm_store_ps(&to->x, r);
+}
 #if defined(__AVX2__)
 KNEAD_HD Pack<8> quads(const Row4* v, const uint32_t* i, Pack<8>) {
   return _mm256_insertf128_ps(_mm256_castps128_ps256(quad(v, i[0])), quad(v, i[4]), 1);

@@ -102,7 +102,8 @@ void SparseCholesky::factor_front(const EnergyLanes& lanes, uint32_t n, std::spa
     }
   }
   if (!lanes.eliminate(a, ld, front.width, front.height))
-    throw Error(ErrorCode::kInput, "the rest shape's stiffness matrix is not positive definite", "give the body a positive hold, or pin some of its vertices");
+    throw Error(ErrorCode::kInput, "the rest shape's stiffness matrix is not positive definite",
+                "give the body a positive hold, or pin some of its vertices");
   for (uint32_t p = front.panels; p < front.panels + front.panel_count; ++p) {
     const Panel& panel = plan_->panels_[p];
     const uint32_t begin = panel.first - front.first;

@@ -1,5 +1,5 @@
-// Sparse Cholesky for many solves by the multifrontal method (Duff and Reid 1983; Liu 1992) over a nested dissection, in float32: three right-hand sides at
-// once, and quick enough to be made anew for a frame's contacts (kernels/factor_body.h).
+// Sparse Cholesky for many solves by the multifrontal method (Duff and Reid 1983; Liu 1992) over a nested dissection, in float32: three right-hand
+// sides at once, and quick enough to be made anew for a frame's contacts (kernels/factor_body.h).
 #pragma once
 #include <array>
 #include <cstdint>
@@ -31,10 +31,10 @@ class FactorPlan {
   struct Front {
     uint32_t first = 0, width = 0, height = 0, ld = 0;
     uint32_t parent = DissectionNode::kNone;
-    uint32_t rows = 0;                   // its columns and then the rows below them, in rows_
+    uint32_t rows = 0;  // its columns and then the rows below them, in rows_
     uint32_t panels = 0, panel_count = 0;
-    uint32_t own = 0, own_count = 0;     // its edges, in own_
-    uint32_t to_parent = 0;              // where its rows below are in its parent's front, in to_parent_
+    uint32_t own = 0, own_count = 0;  // its edges, in own_
+    uint32_t to_parent = 0;           // where its rows below are in its parent's front, in to_parent_
     std::vector<uint32_t> children;
   };
   struct Own {
@@ -57,8 +57,8 @@ class SparseCholesky {
   // Throws Error(kInput) when the matrix with this diagonal is not positive definite.
   SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> diagonal);
 
-  // The factor for another diagonal. Only the fronts above places where it differs are made anew; the others are shared with `before`, which must have kept its
-  // updates (a factor made by the constructor has).
+  // The factor for another diagonal. Only the fronts above places where it differs are made anew; the others are shared with `before`, which must
+  // have kept its updates (a factor made by the constructor has).
   SparseCholesky(Executor& executor, const EnergyLanes& lanes, const SparseCholesky& before, std::span<const float> diagonal);
 
   // x <- A^-1 x; `scratch` has scratch_floats() of room.
@@ -68,7 +68,8 @@ class SparseCholesky {
   size_t bytes() const { return values_.bytes(); }
 
  private:
-  void factor_front(const EnergyLanes& lanes, uint32_t n, std::span<const float> diagonal, const SparseCholesky* before, const std::vector<char>& changed);
+  void factor_front(const EnergyLanes& lanes, uint32_t n, std::span<const float> diagonal, const SparseCholesky* before,
+                    const std::vector<char>& changed);
 
   std::shared_ptr<const FactorPlan> plan_;
   std::vector<float> diagonal_;

@@ -1,5 +1,6 @@
-#include "graph/registry.h"
 #include "kernels/equilibrium.h"
+
+#include "graph/registry.h"
 #include "kernels/lattice_map.h"
 
 namespace knead {
@@ -17,7 +18,8 @@ struct PortTraits<PreparedRest> {
 
 namespace {
 
-const char* const kManual = R"(The shape in which a soft body comes to rest against hard colliders: the minimum of one energy over H (method.md 4). Takes the place of the loop.
+const char* const kManual =
+    R"(The shape in which a soft body comes to rest against hard colliders: the minimum of one energy over H (method.md 4). Takes the place of the loop.
 
   tets:   {type: build_tets, surface: head}
   press:  {type: equilibrium, surface: head, sdf: solid, tets: tets, lattice: tets.lattice}
@@ -48,29 +50,41 @@ class Equilibrium : public Node {
   In<TetMesh> tets{this, "tets", {.doc = "H at rest"}};
   In<Lattice> lattice{this, "lattice", {.doc = "M in H"}};
   OptionalIn<Weights> pins{this, "pins", {.shape = "vertices of M", .doc = "0 free, 1 pinned"}};
-  OptionalIn<Weights> stiffness_weights{this, "stiffness_weights", {.shape = "vertices of M", .doc = "how stiff, relative to elsewhere; inside H the mean"}};
+  OptionalIn<Weights> stiffness_weights{
+      this, "stiffness_weights", {.shape = "vertices of M", .doc = "how stiff, relative to elsewhere; inside H the mean"}};
   OptionalIn<Weights> volume_weights{this, "volume_weights", {.shape = "vertices of M", .doc = "of the volume's part in the material"}};
   OptionalIn<Weights> hold_weights{this, "hold_weights", {.shape = "vertices of M", .doc = "of `hold`"}};
   Param<std::string> material{
       this, "material", "stable_neo_hookean", {.choices = {"stable_neo_hookean", "corotated", "edges"}, .doc = "the elastic energy"}};
-  Param<double> poisson_ratio{this, "poisson_ratio", EquilibriumMaterial{}.poisson_ratio, {.min = 0, .max = 0.4999, .doc = "how well volume is kept"}};
-  Param<bool> keep_volume{this, "keep_volume", EquilibriumMaterial{}.keep_volume, {.doc = "M as a whole keeps the volume that it encloses; closed surfaces only"}};
+  Param<double> poisson_ratio{
+      this, "poisson_ratio", EquilibriumMaterial{}.poisson_ratio, {.min = 0, .max = 0.4999, .doc = "how well volume is kept"}};
+  Param<bool> keep_volume{
+      this, "keep_volume", EquilibriumMaterial{}.keep_volume, {.doc = "M as a whole keeps the volume that it encloses; closed surfaces only"}};
   Param<double> hold{this, "hold", EquilibriumMaterial{}.hold, {.min = 0, .doc = "pull to rest, relative to stiffness over the diagonal squared"}};
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
   Param<int> contact_samples{
-      this, "contact_samples", 0, {.min = 0, .max = 16, .doc = "subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only"}};
-  Param<double> contact{this, "contact", EquilibriumSettings{}.contact, {.min = 1e-3, .max = 1e3, .doc = "stiffness of a contact before its memory fills"}};
+      this,
+      "contact_samples",
+      0,
+      {.min = 0, .max = 16, .doc = "subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only"}};
+  Param<double> contact{
+      this, "contact", EquilibriumSettings{}.contact, {.min = 1e-3, .max = 1e3, .doc = "stiffness of a contact before its memory fills"}};
   Param<int> max_iterations{this, "max_iterations", EquilibriumSettings{}.max_iterations, {.min = 1, .doc = "after which it ends in any case"}};
-  Param<double> threshold{this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
+  Param<double> threshold{
+      this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
   Param<double> displacement{
       this, "displacement", EquilibriumSettings{}.displacement, {.min = 0, .unit = "diagonals", .doc = "longest last step at rest"}};
-  Param<double> penetration{this, "penetration", EquilibriumSettings{}.penetration, {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest"}};
-  Param<int> memory_interval{
-      this, "memory_interval", EquilibriumSettings{}.memory_interval, {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
+  Param<double> penetration{
+      this, "penetration", EquilibriumSettings{}.penetration, {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest"}};
+  Param<int> memory_interval{this,
+                             "memory_interval",
+                             EquilibriumSettings{}.memory_interval,
+                             {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
   Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
-  Out<Report> report{this, "report", {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), least_tet_volume, times"}};
+  Out<Report> report{
+      this, "report", {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), least_tet_volume, times"}};
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);

@@ -30,11 +30,13 @@ struct Tets {
     mu.assign(stride, 0);
     lambda.assign(stride, 0);
     for (size_t t = 0; t < count; ++t) {
-      const Vec3d e[3] = {{1 + 0.3 * part(random), 0.2 * part(random), 0.1}, {0.1, 1 + 0.3 * part(random), 0.2 * part(random)}, {0.2 * part(random), 0.1, 1}};
+      const Vec3d e[3] = {
+          {1 + 0.3 * part(random), 0.2 * part(random), 0.1}, {0.1, 1 + 0.3 * part(random), 0.2 * part(random)}, {0.2 * part(random), 0.1, 1}};
       const double over = 1 / dot(e[0], cross(e[1], e[2]));
       const Vec3d g[3] = {over * cross(e[1], e[2]), over * cross(e[2], e[0]), over * cross(e[0], e[1])};
       for (size_t c = 0; c < 3; ++c)
-        for (int d = 0; d < 3; ++d) shape[(3 * c + static_cast<size_t>(d)) * stride + t] = static_cast<float>(term == ElasticTerm::kEdges ? e[c][d] : g[c][d]);
+        for (int d = 0; d < 3; ++d)
+          shape[(3 * c + static_cast<size_t>(d)) * stride + t] = static_cast<float>(term == ElasticTerm::kEdges ? e[c][d] : g[c][d]);
       for (size_t c = 0; c < 4; ++c) {
         corners[c * stride + t] = static_cast<uint32_t>(4 * t + c);
         u[4 * t + c] = {amount * part(random), amount * part(random), amount * part(random), 0};
@@ -68,7 +70,8 @@ TEST_P(Elastic, HasTheGradientOfItsEnergy) {
           }
           at = was;
           const double slope = (e[0] - 8 * e[1] + 8 * e[2] - e[3]) / (12.0 * static_cast<double>(h));
-          EXPECT_NEAR((&force.x)[d], slope, 2e-3 * (0.05 + std::abs(slope))) << "tet " << t << " corner " << c << " axis " << d << " amount " << amount;
+          EXPECT_NEAR((&force.x)[d], slope, 2e-3 * (0.05 + std::abs(slope)))
+              << "tet " << t << " corner " << c << " axis " << d << " amount " << amount;
         }
       }
     }
@@ -104,7 +107,8 @@ TEST_P(Elastic, DoesNotSeeARotation) {
 }
 
 TEST_P(Elastic, HasLamesModuliAtRest) {
-  // Small strains of the unit tet: energy mu |eps|^2 + lambda/2 tr(eps)^2 per volume; springs have other moduli in shear, so only the volume part is theirs.
+  // Small strains of the unit tet: energy mu |eps|^2 + lambda/2 tr(eps)^2 per volume; springs have other moduli in shear, so only the volume part is
+  // theirs.
   if (GetParam() == ElasticTerm::kEdges) GTEST_SKIP() << "springs are not isotropic";
   const double mu = 1.5, lame = 4;
   const float strain = 0.01f;
@@ -134,7 +138,8 @@ TEST_P(Elastic, IsTheSameInEveryInstructionSet) {
     const ElasticSum sum = lanes->elastic(tets.body(), 0, static_cast<uint32_t>(tets.stride));
     EXPECT_NEAR(sum.energy, plain.energy, 1e-5 * plain.energy) << name_of(level);
     EXPECT_NEAR(sum.least_volume, plain.least_volume, 1e-5) << name_of(level);
-    for (size_t i = 0; i < forces.size(); ++i) EXPECT_NEAR(length(to_vec(tets.forces[i]) - to_vec(forces[i])), 0, 1e-4) << name_of(level) << " row " << i;
+    for (size_t i = 0; i < forces.size(); ++i)
+      EXPECT_NEAR(length(to_vec(tets.forces[i]) - to_vec(forces[i])), 0, 1e-4) << name_of(level) << " row " << i;
   }
 }
 

@@ -1,3 +1,5 @@
+#include "kernels/sparse_cholesky.h"
+
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -7,7 +9,6 @@
 #include "graph/error.h"
 #include "kernels/energy_lanes.h"
 #include "kernels/simd_level.h"
-#include "kernels/sparse_cholesky.h"
 
 namespace knead {
 namespace sparse_cholesky_test {
@@ -96,7 +97,8 @@ void expect_solves(int n, uint32_t leaf) {
     factor.solve(*lanes, x.data_for_write(), scratch.data());
     double error = 0;
     for (size_t i = 0; i < size; ++i)
-      for (int d = 0; d < 3; ++d) error = std::max(error, std::abs(static_cast<double>((&x.host()[i].x)[d]) - exact(static_cast<Eigen::Index>(i), d)));
+      for (int d = 0; d < 3; ++d)
+        error = std::max(error, std::abs(static_cast<double>((&x.host()[i].x)[d]) - exact(static_cast<Eigen::Index>(i), d)));
     EXPECT_LT(error, 2e-5 * exact.cwiseAbs().maxCoeff()) << "n " << n << " leaf " << leaf;
   }
 }

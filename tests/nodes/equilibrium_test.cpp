@@ -13,9 +13,7 @@ namespace equilibrium_test {
 
 // A ball with a smaller one over it, which touches it from frame 2 on. Everything is `size` times as large.
 GraphSpec pressed(Literal::Map more = {}, double size = 1, Literal::List at = {0.0, 0.0, 0.0}) {
-  const auto up = [&](double y) {
-    return Literal::Map{{"translate", Literal::List{at[0].number(), at[1].number() + size * y, at[2].number()}}};
-  };
+  const auto up = [&](double y) { return Literal::Map{{"translate", Literal::List{at[0].number(), at[1].number() + size * y, at[2].number()}}}; };
   GraphSpec graph;
   graph.add("shape", "primitive", {{"shape", "sphere"}, {"radius", size}, {"resolution", 3}})
       .add("body", "transform", {{"mesh", "shape"}, {"keys", Literal::Map{{1, Literal::Map{{"translate", at}}}}}})
@@ -26,8 +24,9 @@ GraphSpec pressed(Literal::Map more = {}, double size = 1, Literal::List at = {0
   Literal::Map arguments{{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}};
   arguments.insert(arguments.end(), more.begin(), more.end());
   graph.add("press", "equilibrium", std::move(arguments));
-  return graph.add("figures", "measure",
-                   {{"surface", "press"}, {"rest", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"points", "press.points"}, {"report", "press.report"}});
+  return graph.add(
+      "figures", "measure",
+      {{"surface", "press"}, {"rest", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"points", "press.points"}, {"report", "press.report"}});
 }
 
 double largest_difference(const Surface& a, const Surface& b, double scale = 1, Vec3d offset = {0, 0, 0}) {
@@ -85,7 +84,8 @@ TEST(Equilibrium, DoesNotDependOnScaleAndPlace) {
 
 TEST(Equilibrium, KeepsPinnedVerticesInPlace) {
   GraphSpec graph = pressed({{"pins", "low"}, {"hold", 0.0}});
-  graph.add("low", "weights", {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{0, 1, 0}}, {"point", Literal::List{0.0, -0.5, 0.0}}});
+  graph.add("low", "weights",
+            {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{0, 1, 0}}, {"point", Literal::List{0.0, -0.5, 0.0}}});
   Evaluator evaluator(compile(graph));
   const auto body = evaluator.get<Surface>("body", 2), result = evaluator.get<Surface>("press.surface", 2);
   for (size_t i = 0; i < body.points.size(); ++i)
