@@ -21,6 +21,8 @@ constexpr double kExactWithin = 1.8;  // voxels: within this of the surface a gr
 
 Similarity to_collider(const Sdf& sdf, const Similarity& body) { return sdf.placement.inverse() * body; }
 
+}  // namespace
+
 ColliderView view_collider(const Sdf& sdf, Device device, const Similarity& body) {
   ColliderView view{};
   view.sdf.grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.view(device).data());
@@ -33,6 +35,7 @@ ColliderView view_collider(const Sdf& sdf, Device device, const Similarity& body
   view.centre = to_float(local.inverse().apply((to_double(sdf.lower) + to_double(sdf.upper)) * 0.5));
   const float reach = sdf.outside_band / sdf.voxel_size + kBoxMargin;
   const Vec3f lower = to_float((to_double(sdf.lower) - origin) * to_voxels), upper = to_float((to_double(sdf.upper) - origin) * to_voxels);
+  view.sdf.voxel = sdf.voxel_size;
   view.sdf.lower = lower - Vec3f{reach, reach, reach};
   view.sdf.upper = upper + Vec3f{reach, reach, reach};
   return view;
@@ -44,8 +47,6 @@ void check_margin(const Sdf& sdf, const Similarity& body, double margin, size_t 
   throw Error(ErrorCode::kInput, "margin " + std::to_string(asked) + " is not within the outside band of collider " + std::to_string(which + 1) + ", " + std::to_string(band),
               margin < 0 ? "a margin is zero or positive" : "raise mesh_to_sdf's band, or lower the margin");
 }
-
-}  // namespace
 
 CollidePush make_push(Executor& executor, const CollideInput& input) {
   if (input.colliders.size() > kMostColliders)

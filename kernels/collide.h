@@ -9,6 +9,13 @@
 namespace knead {
 
 class MeshDistance;
+struct ColliderView;
+
+// A collider as kernel bodies see it from a body whose local space is placed so; valid while the Sdf's grid lives.
+ColliderView view_collider(const Sdf& sdf, Device device, const Similarity& body);
+
+// Throws Error(kInput) when the margin (local units of the body) is beyond the collider's band; `which` counts from 0.
+void check_margin(const Sdf& sdf, const Similarity& body, double margin, size_t which);
 
 struct CollideInput {
   std::span<const Vec3f> points;          // M's local space, on the executor's device

@@ -1,7 +1,10 @@
 // Sampling of a NanoVDB level set, one body for host and device. Positions are in index space, where voxel centres are whole numbers and the distance between
 // two of them is one voxel; values come back in the grid's own units. Outside the grid every value is the positive background.
 //
-// Two gradients: that of the trilinear interpolant is consistent with the value but jumps where a voxel ends; the smooth one interpolates central
+// For energies there is `spline`: value and gradient of the quadratic B-spline of the 27 voxels around p, which belong together and are both continuous.
+// Where the field is curved it lies a fraction of a voxel off: h^2 / 8 times the Laplacian.
+//
+// Two other gradients: that of the trilinear interpolant is consistent with the value but jumps where a voxel ends; the smooth one interpolates central
 // differences, is continuous, and is what pushes use, so that a slow motion of the collider turns normals slowly. It looks at 32 voxels instead of 8.
 #pragma once
 #include <nanovdb/NanoVDB.h>
@@ -13,6 +16,7 @@ namespace knead {
 struct SdfView {
   const nanovdb::NanoGrid<float>* grid = nullptr;
   Vec3f lower{0, 0, 0}, upper{0, 0, 0};  // outside this box (index space) every sample is the background
+  float voxel = 3.4e38f;                 // a voxel's width in the values' units; only `reaches` asks
 };
 
 // One per thread: it remembers the last path through the tree.
@@ -57,7 +61,40 @@ class SdfSampler {
     return sum;
   }
 
+  KNEAD_HD float spline(const Vec3f& p, Vec3f& gradient) {
+    gradient = {0, 0, 0};
+    if (!within(p)) return accessor_.root().background();
+    const float fx = std::floor(p.x + 0.5f), fy = std::floor(p.y + 0.5f), fz = std::floor(p.z + 0.5f);
+    const Block block(accessor_, static_cast<int>(fx) - 1, static_cast<int>(fy) - 1, static_cast<int>(fz) - 1);
+    const Quadratic x(p.x - fx), y(p.y - fy), z(p.z - fz);
+    float value = 0;
+    for (int a = 0; a < 3; ++a)
+      for (int b = 0; b < 3; ++b) {
+        const float c0 = block.at(a, b, 0), c1 = block.at(a, b, 1), c2 = block.at(a, b, 2);
+        const float along = z.weight[0] * c0 + z.weight[1] * c1 + z.weight[2] * c2;
+        const float xy = x.weight[a] * y.weight[b];
+        value += xy * along;
+        gradient.x += x.slope[a] * y.weight[b] * along;
+        gradient.y += x.weight[a] * y.slope[b] * along;
+        gradient.z += xy * (z.slope[0] * c0 + z.slope[1] * c1 + z.slope[2] * c2);
+      }
+    return value;
+  }
+
+  // False when the spline at p is certainly above `value`: one voxel is looked at instead of 27. A distance grows by at most 1 a voxel's width.
+  KNEAD_HD bool reaches(const Vec3f& p, float value) {
+    if (!within(p)) return false;
+    const float near = at(static_cast<int>(std::floor(p.x + 0.5f)), static_cast<int>(std::floor(p.y + 0.5f)), static_cast<int>(std::floor(p.z + 0.5f)));
+    constexpr float kReach = 2.7f;  // voxels to the farthest of the 27, and then some for a field that is not quite a distance
+    return near < value + kReach * view_.voxel;
+  }
+
  private:
+  struct Quadratic {
+    float weight[3], slope[3];
+    KNEAD_HD explicit Quadratic(float t)  // t from -0.5 to 0.5
+        : weight{0.5f * (0.5f - t) * (0.5f - t), 0.75f - t * t, 0.5f * (0.5f + t) * (0.5f + t)}, slope{t - 0.5f, -2 * t, t + 0.5f} {}
+  };
   using Grid = nanovdb::NanoGrid<float>;
   struct Cell {
     float corners[8];  // 4 x + 2 y + z

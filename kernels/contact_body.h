@@ -1,0 +1,144 @@
+// One contact sample of the equilibrium's energy (method.md 4): kc/2 a min(0, phi - lambda)^2 for every collider, and its gradient. A sample is a
+// point of M that rides in H: y = y_rest + cell * sum w u. Each collider is a constraint of its own with its own memory lambda, so that a vertex
+// between two is held by both.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+
+#include "kernels/collide_body.h"
+#include "kernels/rows4.h"
+
+namespace knead {
+
+struct ContactSum {
+  double energy = 0;
+  float deepest = 0;    // penetration, cells
+  float change = 0;     // the largest change of a memory that an update would make, cells
+  uint32_t active = 0;  // constraints that push
+};
+
+struct ContactEnergy {
+  const Row4* u;            // displacements of H, cells
+  const uint32_t* offsets;  // [samples + 1] into indices and weights
+  const uint32_t* indices;  // vertices of H
+  const float* weights;
+  const Vec3f* rest;    // y_rest, M's local units
+  const float* area;    // cells^2
+  const float* memory;  // [colliders][samples] lambda, cells
+  float* distance;      // [colliders][samples] phi - margin, cells; kFar where it cannot matter
+  const float*
+      exits;    // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
+  Row4* force;  // [samples] gradient by the sample's place
+  const uint32_t* list;         // the samples that may be in contact
+  Vec3f entry[kMostColliders];  // unit, the way a collider came in
+  ColliderView colliders[kMostColliders];
+  uint32_t count;
+  uint32_t samples;
+  float to_local;   // cells to M's local units
+  float margin;     // cells
+  float stiffness;  // kc, per cell
+
+  static constexpr float kFar = 1e30f;
+
+  KNEAD_HD Vec3f moved(uint32_t s) const {
+    Vec3f move{0, 0, 0};
+    for (uint32_t e = offsets[s]; e < offsets[s + 1]; ++e) move += weights[e] * to_vec(u[indices[e]]);
+    return move;
+  }
+
+  // Whether sample s is nearer than `reach` (cells) to a contact, to be on the safe side.
+  KNEAD_HD bool near(uint32_t s, float reach) const {
+    const Vec3f y = rest[s] + to_local * moved(s);
+    for (uint32_t k = 0; k < count; ++k) {
+      const size_t at = static_cast<size_t>(k) * samples + s;
+      if (exits && exits[at] >= 0) return true;
+      SdfSampler sampler(colliders[k].sdf);
+      if (sampler.reaches(CollidePush::to_index(colliders[k], y), (memory[at] + margin + reach) * to_local / colliders[k].scale)) return true;
+    }
+    return false;
+  }
+
+  KNEAD_HD ContactSum operator()(uint32_t place) const {
+    const uint32_t s = list[place];
+    const Vec3f move = moved(s), y = rest[s] + to_local * move;
+    ContactSum sum;
+    Vec3f push{0, 0, 0};
+    for (uint32_t k = 0; k < count; ++k) {
+      const ColliderView& c = colliders[k];
+      const size_t at = static_cast<size_t>(k) * samples + s;
+      const float lambda = memory[at], to_cells = c.scale / to_local;
+      float phi = kFar;
+      SdfSampler sampler(c.sdf);
+      const Vec3f p = CollidePush::to_index(c, y);
+      Vec3f slope{0, 0, 0};
+      const bool by_entry = exits && exits[at] >= 0;
+      if (by_entry)
+        phi = dot(entry[k], move) - exits[at];
+      else if (sampler.reaches(p, (lambda + margin) / to_cells))
+        phi = sampler.spline(p, slope) * to_cells - margin;
+      distance[at] = phi;
+      const float next = lambda > phi ? lambda - phi : 0.0f, change = next > lambda ? next - lambda : lambda - next;
+      sum.change = change > sum.change ? change : sum.change;
+      sum.deepest = -phi > sum.deepest ? -phi : sum.deepest;
+      if (next > 0) {  // phi < lambda
+        const float pull = stiffness * area[s] * next;
+        sum.energy += 0.5 * static_cast<double>(pull) * static_cast<double>(next);
+        ++sum.active;
+        push -= by_entry ? pull * entry[k] : (pull * c.scale) * CollidePush::from_index(c, slope);
+      }
+    }
+    force[s] = to_row(push);
+    return sum;
+  }
+};
+
+// How far along the way in a sample that is inside at rest comes out of the collider again. A sphere as wide as the depth is free of walls, so steps
+// are that long.
+struct ContactExit {
+  ContactEnergy contact;
+  uint32_t collider;
+  float* exits;  // [samples] of this collider
+
+  KNEAD_HD void operator()(uint32_t s) const {
+    const ColliderView& c = contact.colliders[collider];
+    const float to_cells = c.scale / contact.to_local, least = 0.02f * c.sdf.voxel * to_cells;
+    SdfSampler sampler(c.sdf);
+    Vec3f y = contact.rest[s];
+    float gone = 0;
+    for (int step = 0; step < 200; ++step) {
+      const float phi = sampler.value(CollidePush::to_index(c, y)) * to_cells - contact.margin;
+      if (phi >= 0) break;
+      const float along = -phi > least ? -phi : least;
+      gone += along;
+      y += (along * contact.to_local) * contact.entry[collider];
+    }
+    exits[s] = gone > 0 ? gone : -1.0f;
+  }
+};
+
+// Where M's vertices are.
+struct VertexPlaces {
+  ContactEnergy contact;
+  Row4* now;  // [vertices] cells
+
+  KNEAD_HD void operator()(uint32_t v) const { now[v] = to_row((1 / contact.to_local) * contact.rest[v] + contact.moved(v)); }
+};
+
+// The volume that M encloses, as a function of its vertices: 6 V = sum over triangles of a . (b x c). A vertex's part of the gradient.
+struct VolumeGradient {
+  const Row4* now;          // [vertices] cells
+  const uint32_t* offsets;  // [vertices + 1] into `pairs`
+  const uint32_t* pairs;    // the other two corners of each triangle, in order
+  Row4* gradient;           // [vertices]
+
+  // Its share of the volume: V is homogeneous of degree 3.
+  KNEAD_HD double operator()(uint32_t v) const {
+    Vec3f sum{0, 0, 0};
+    for (uint32_t e = offsets[v]; e < offsets[v + 1]; ++e) sum += cross(to_vec(now[pairs[2 * e]]), to_vec(now[pairs[2 * e + 1]]));
+    sum = sum * (1.0f / 6);
+    gradient[v] = to_row(sum);
+    return static_cast<double>(dot(sum, to_vec(now[v]))) / 3;
+  }
+};
+
+}  // namespace knead

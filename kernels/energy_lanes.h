@@ -1,0 +1,39 @@
+// The equilibrium solver's inner loops, compiled per instruction set like the loop's (kernels/loop_lanes.h).
+#pragma once
+#include <cstdint>
+
+#include "graph/executor.h"
+#include "kernels/elastic_body.h"
+#include "kernels/factor_body.h"
+
+namespace knead {
+
+struct ElasticSum {
+  double energy = 0;
+  float least_volume = 3.4e38f;  // smallest J
+};
+
+struct EnergyLanes {
+  // Tets [begin, end), multiples of NeighbourTable::kLaneBlock.
+  ElasticSum (*elastic)(const ElasticTets&, uint32_t begin, uint32_t end);
+  // Panels [begin, end) in rising order, and in falling order.
+  void (*solve_forward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x);
+  void (*solve_backward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x, float* scratch);
+  // FrontFactor's.
+  bool (*eliminate)(float* front, uint32_t ld, uint32_t width, uint32_t height);
+  void (*store_panel)(const float* front, uint32_t ld, uint32_t begin, uint32_t end, uint32_t height, float* to);
+  // Vectors of n floats, n a multiple of 16, aligned.
+  double (*dot)(const float* a, const float* b, size_t n);
+  void (*add_scaled)(float* to, const float* from, float by, size_t n);            // to += by * from
+  void (*combine)(float* to, const float* a, const float* b, float by, size_t n);  // to = a + by * b
+};
+
+const EnergyLanes* energy_lanes_scalar();
+const EnergyLanes* energy_lanes_baseline();
+const EnergyLanes* energy_lanes_avx2();
+const EnergyLanes* energy_lanes_avx512();
+
+// Those of the executor's simd_level.
+const EnergyLanes& energy_lanes(const Executor& executor);
+
+}  // namespace knead

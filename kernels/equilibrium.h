@@ -1,0 +1,68 @@
+// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over one Cholesky factor of the rest
+// shape.
+#pragma once
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "graph/executor.h"
+#include "kernels/data.h"
+#include "kernels/elastic_body.h"
+
+namespace knead {
+
+// What belongs to the rest shape. Paint is per vertex of M, null where there is none; it reaches H as kernels/hold.h says.
+struct EquilibriumMaterial {
+  ElasticTerm term = ElasticTerm::kStableNeoHookean;
+  double poisson_ratio = 0.45;  // below 0.5; with `edges` it weighs volume against springs in the same proportion
+  double hold = 20;             // pull to rest: 0 none; a free body gives way as a whole below about 1
+  const Buffer<float>* stiffness_weights = nullptr;
+  const Buffer<float>* volume_weights = nullptr;
+  const Buffer<float>* hold_weights = nullptr;
+  const Buffer<float>* pins = nullptr;
+  bool keep_volume = true;  // M as a whole keeps the volume that it encloses
+  int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
+};
+
+// Tables and the factor: made once, shared by all frames and threads.
+class EquilibriumRest;
+std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
+                                                           const EquilibriumMaterial& material);
+
+struct RestFigures {
+  size_t vertices = 0, tets = 0, factor_values = 0, samples = 0;
+  double order_seconds = 0, factor_seconds = 0, seconds = 0;
+};
+const RestFigures& figures_of(const EquilibriumRest& rest);
+
+struct EquilibriumSettings {
+  int max_iterations = 150;
+  double gradient = 1e-3;         // at rest when the sum of forces is below this part of the contact forces,
+  double displacement = 1e-4;     // when the last step moved no vertex of H further than this part of M's diagonal,
+  double penetration = 2e-4;      // and when no contact is off by more than this part of M's diagonal
+  double contact = 5;             // stiffness of a contact before its memory fills, relative to the body's own
+  int memory_interval = 15;       // iterations after which the contact memory is updated in any case
+  double memory_gradient = 0.03;  // or when the relative gradient is below this
+  double margin = 0;              // M's local units
+  std::function<void()> check_cancelled;
+};
+
+struct EquilibriumFigures {
+  int iterations = 0, evaluations = 0, updates = 0, factors = 0;
+  std::string ended;        // rest, iterations, stalled, no contact
+  double gradient = 0;      // relative to the contact forces
+  double step = 0;          // the last one's largest displacement over M's diagonal
+  double penetration = 0;   // of M's samples over its diagonal, in the fields' own interpolant
+  double least_volume = 1;  // smallest V / V0 of a tet
+  double energy = 0;
+  double volume = 0;  // error of the enclosed volume, relative; 0 when it is not kept
+  size_t contacts = 0;
+  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, factor_seconds = 0, seconds = 0;
+};
+
+// H's positions in tet space; the rest buffer itself when nothing is in contact. Starts from rest. Throws Error(kInput) as collide_push does.
+Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
+                                const EquilibriumSettings& settings, EquilibriumFigures& figures);
+
+}  // namespace knead

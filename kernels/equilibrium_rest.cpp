@@ -1,0 +1,319 @@
+#include "kernels/equilibrium_rest.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <numeric>
+
+#include "graph/error.h"
+#include "kernels/energy_lanes.h"
+#include "kernels/hold.h"
+#include "kernels/loop_points.h"
+#include "kernels/neighbour_table.h"
+#include "kernels/parallel.h"
+
+namespace knead {
+namespace {
+
+constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Gradients of the shape functions of corners 1, 2 and 3: rows of the inverse of [b-a c-a d-a].
+std::array<Vec3d, 3> shape_gradients(const std::array<Vec3d, 3>& e) {
+  const double over = 1 / dot(e[0], cross(e[1], e[2]));
+  return {over * cross(e[1], e[2]), over * cross(e[2], e[0]), over * cross(e[0], e[1])};
+}
+
+struct Assembly {
+  const TetMesh& tets;
+  const Lattice& lattice;
+  const EquilibriumMaterial& material;
+  std::vector<float> stiffness, volume;  // per vertex of H, empty: all 1
+  std::vector<double> mass;              // per vertex of H, cells^3
+
+  std::array<Vec3d, 3> edges(const std::array<uint32_t, 4>& t) const {
+    const auto x = tets.rest.host();
+    const Vec3d a = to_double(x[t[0]]);
+    return {to_double(x[t[1]]) - a, to_double(x[t[2]]) - a, to_double(x[t[3]]) - a};
+  }
+  static double mean_of(const std::vector<float>& paint, const std::array<uint32_t, 4>& t) {
+    return paint.empty() ? 1 : 0.25 * (static_cast<double>(paint[t[0]]) + paint[t[1]] + paint[t[2]] + paint[t[3]]);
+  }
+  double mu(size_t t) const { return mean_of(stiffness, tets.tets.host()[t]); }
+  double lame(size_t t) const {  // Lame's first parameter
+    const double nu = material.poisson_ratio;
+    return 2 * nu / (1 - 2 * nu) * mu(t) * mean_of(volume, tets.tets.host()[t]);
+  }
+};
+
+std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const Lattice& lattice, const char* what, bool largest) {
+  if (!paint) return {};
+  require_size(paint->size(), lattice.rest.vertices(), "equilibrium", what, "vertices of the surface that the lattice binds");
+  const auto values = paint->host();
+  for (const float v : values)
+    if (!(v >= 0) || !std::isfinite(v)) throw Error(ErrorCode::kInput, std::string("equilibrium: ") + what + " must be zero or positive numbers");
+  const double mean = std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(std::max<size_t>(1, values.size()));
+  const Buffer<float> on_tets = paint_to_tets(executor, *paint, lattice, largest, largest ? 0.0f : static_cast<float>(mean));
+  return {on_tets.host().begin(), on_tets.host().end()};
+}
+
+// P's entries: mean of the three diagonal entries of the elastic Hessian's blocks at rest, which is a multiple of the Laplacian per tet.
+void add_stiffness(const Assembly& a, const std::vector<uint32_t>& place, std::vector<std::array<uint32_t, 2>>& edges, std::vector<double>& entries,
+                   std::vector<double>& diagonal) {
+  std::map<std::array<uint32_t, 2>, double> sums;
+  const auto tets = a.tets.tets.host();
+  const auto volumes = a.tets.rest_volumes.host();
+  for (size_t t = 0; t < tets.size(); ++t) {
+    const auto g = shape_gradients(a.edges(tets[t]));
+    const std::array<Vec3d, 4> n{-(g[0] + g[1] + g[2]), g[0], g[1], g[2]};
+    const double weight = volumes[t] * (a.mu(t) + a.lame(t));
+    for (int i = 0; i < 4; ++i) {
+      diagonal[place[tets[t][i]]] += weight * dot(n[i], n[i]);
+      for (int j = i + 1; j < 4; ++j) {
+        const uint32_t p = place[tets[t][i]], q = place[tets[t][j]];
+        sums[{std::min(p, q), std::max(p, q)}] += weight * dot(n[i], n[j]);
+      }
+    }
+  }
+  for (const auto& [edge, value] : sums) {
+    edges.push_back(edge);
+    entries.push_back(value);
+  }
+}
+
+// Areas of M's vertices or samples, cells^2; a triangle shares its area out evenly.
+void make_samples(const Assembly& a, const std::vector<uint32_t>& place, SampleTable& table) {
+  const Lattice& lattice = a.lattice;
+  const auto points = lattice.rest.points.host();
+  const uint32_t n = static_cast<uint32_t>(points.size());
+  const auto rows = neighbours_by_vertex(lattice.map, n);
+  const double to_cells = 1 / lattice.to_local.scale;
+  std::vector<uint32_t> triangles;
+  if (lattice.rest.topology) triangles = lattice.rest.topology->triangles;
+  std::vector<std::array<std::pair<uint32_t, double>, 3>> inner;  // samples inside triangles
+  std::vector<double> area(n, 0);
+  std::vector<Vec3d> outward(n, Vec3d{0, 0, 0});
+  double enclosed = 0;
+  for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
+    const Vec3d o = to_double(points[triangles[0]]), p = to_double(points[triangles[t]]) - o, q = to_double(points[triangles[t + 1]]) - o,
+                r = to_double(points[triangles[t + 2]]) - o;
+    enclosed += dot(p, cross(q, r));
+  }
+  const double side = enclosed < 0 ? -0.5 : 0.5;
+  const int steps = a.material.contact_samples;
+  for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
+    const std::array<uint32_t, 3> v{triangles[t], triangles[t + 1], triangles[t + 2]};
+    const Vec3d p = to_double(points[v[0]]);
+    const Vec3d facing = (side * to_cells * to_cells) * cross(to_double(points[v[1]]) - p, to_double(points[v[2]]) - p);
+    const double size = length(facing);
+    std::vector<std::array<std::pair<uint32_t, double>, 3>> here;
+    for (int i = 0; i <= steps && steps >= 2; ++i)
+      for (int j = 0; i + j <= steps; ++j) {
+        const int k = steps - i - j;
+        if (i == steps || j == steps || k == steps) continue;
+        // A point on an edge belongs to the triangle that has the edge in rising order of its ends, so that it is there once (twice on a border).
+        if ((k == 0 && v[0] > v[1]) || (i == 0 && v[1] > v[2]) || (j == 0 && v[2] > v[0])) continue;
+        here.push_back({{{v[0], static_cast<double>(i) / steps}, {v[1], static_cast<double>(j) / steps}, {v[2], static_cast<double>(k) / steps}}});
+      }
+    const double share = size / static_cast<double>(3 + here.size());
+    const Vec3d facing_share = (1 / static_cast<double>(3 + here.size())) * facing;
+    for (const uint32_t c : v) area[c] += share, outward[c] += facing_share;
+    for (const auto& s : here) {
+      inner.push_back(s);
+      area.push_back(share);
+      outward.push_back(facing_share);
+    }
+  }
+  const double total = std::accumulate(area.begin(), area.end(), 0.0);
+  const double least = 1e-3 * total / static_cast<double>(std::max<size_t>(1, area.size()));  // for corners of slivers
+  table.offsets.push_back(0);
+  for (const Vec3d& v : outward) table.outward.push_back(to_float(v));
+  const auto finish = [&](std::map<uint32_t, double>& row, const Vec3d& at, double size) {
+    for (const auto& [p, w] : row) {
+      table.indices.push_back(p);
+      table.weights.push_back(static_cast<float>(w));
+    }
+    table.offsets.push_back(static_cast<uint32_t>(table.indices.size()));
+    table.rest.push_back(to_float(at));
+    table.area.push_back(static_cast<float>(std::max(size, least)));
+  };
+  for (uint32_t i = 0; i < n; ++i) {
+    std::map<uint32_t, double> row;
+    for (const Neighbour& e : rows[i])
+      if (e.value != 0) row[place[e.indices[0]]] += e.value;
+    finish(row, to_double(points[i]), area[i]);
+  }
+  for (size_t s = 0; s < inner.size(); ++s) {
+    std::map<uint32_t, double> row;
+    Vec3d at{0, 0, 0};
+    for (const auto& [v, b] : inner[s]) {
+      if (b == 0) continue;
+      at += b * to_double(points[v]);
+      for (const Neighbour& e : rows[v])
+        if (e.value != 0) row[place[e.indices[0]]] += b * e.value;
+    }
+    finish(row, at, area[n + s]);
+  }
+  table.back_offsets.assign(place.size() + 1, 0);
+  for (const uint32_t p : table.indices) ++table.back_offsets[p + 1];
+  for (size_t p = 0; p < place.size(); ++p) table.back_offsets[p + 1] += table.back_offsets[p];
+  table.back_samples.resize(table.indices.size());
+  table.back_weights.resize(table.indices.size());
+  std::vector<uint32_t> cursor(table.back_offsets.begin(), table.back_offsets.end() - 1);
+  for (uint32_t s = 0; s + 1 < table.offsets.size(); ++s)
+    for (uint32_t e = table.offsets[s]; e < table.offsets[s + 1]; ++e) {
+      const uint32_t at = cursor[table.indices[e]]++;
+      table.back_samples[at] = s;
+      table.back_weights[at] = table.weights[e];
+    }
+}
+
+// The triangles round each vertex of M, when they enclose a volume: every directed edge has its opposite.
+void make_fans(const Lattice& lattice, EquilibriumRest& rest) {
+  if (!lattice.rest.topology) return;
+  const std::vector<uint32_t>& triangles = lattice.rest.topology->triangles;
+  std::map<std::pair<uint32_t, uint32_t>, int> edges;
+  for (size_t c = 0; c < triangles.size(); ++c) {
+    const uint32_t a = triangles[c], b = triangles[c % 3 == 2 ? c - 2 : c + 1];
+    edges[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
+  }
+  if (triangles.empty() || std::any_of(edges.begin(), edges.end(), [](const auto& e) { return e.second != 0; })) return;
+  rest.fan_offsets.assign(lattice.rest.vertices() + 1, 0);
+  for (const uint32_t v : triangles) ++rest.fan_offsets[v + 1];
+  for (size_t v = 0; v + 1 < rest.fan_offsets.size(); ++v) rest.fan_offsets[v + 1] += rest.fan_offsets[v];
+  rest.fans.resize(2 * triangles.size());
+  std::vector<uint32_t> cursor(rest.fan_offsets.begin(), rest.fan_offsets.end() - 1);
+  for (size_t c = 0; c < triangles.size(); ++c) {
+    const size_t t = c / 3 * 3, next = (c - t + 1) % 3, after = (c - t + 2) % 3, at = 2 * size_t{cursor[triangles[c]]++};
+    rest.fans[at] = triangles[t + next];
+    rest.fans[at + 1] = triangles[t + after];
+  }
+}
+
+void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, EquilibriumRest& rest) {
+  const auto tets = a.tets.tets.host();
+  const auto volumes = a.tets.rest_volumes.host();
+  // Tets in the order of their first place: neighbours in memory are neighbours in space.
+  std::vector<std::pair<uint32_t, uint32_t>> order(tets.size());
+  for (uint32_t t = 0; t < tets.size(); ++t) order[t] = {std::min({place[tets[t][0]], place[tets[t][1]], place[tets[t][2]], place[tets[t][3]]}), t};
+  std::sort(order.begin(), order.end());
+  rest.tets = tets.size();
+  rest.stride = (tets.size() + kLanes - 1) / kLanes * kLanes;
+  rest.corners = Buffer<uint32_t>(4 * rest.stride);
+  rest.shape = Buffer<float>(9 * rest.stride);
+  rest.mu = Buffer<float>(rest.stride);
+  rest.lambda = Buffer<float>(rest.stride);
+  uint32_t* corners = rest.corners.data_for_write();
+  float *shape = rest.shape.data_for_write(), *mu = rest.mu.data_for_write(), *lambda = rest.lambda.data_for_write();
+  std::fill_n(corners, 4 * rest.stride, 0u);
+  std::fill_n(shape, 9 * rest.stride, 0.0f);
+  std::fill_n(mu, rest.stride, 0.0f);
+  std::fill_n(lambda, rest.stride, 0.0f);
+  rest.slot_offsets.assign(place.size() + 1, 0);
+  for (size_t k = 0; k < order.size(); ++k) {
+    const uint32_t t = order[k].second;
+    const auto e = a.edges(tets[t]);
+    const auto s = rest.term == ElasticTerm::kEdges ? e : shape_gradients(e);
+    for (size_t c = 0; c < 4; ++c) {
+      corners[c * rest.stride + k] = place[tets[t][c]];
+      ++rest.slot_offsets[place[tets[t][c]] + 1];
+    }
+    for (size_t c = 0; c < 3; ++c)
+      for (int d = 0; d < 3; ++d) shape[(3 * c + static_cast<size_t>(d)) * rest.stride + k] = static_cast<float>(s[c][d]);
+    const double m = a.mu(t), l = a.lame(t) + (rest.term == ElasticTerm::kStableNeoHookean ? m : 0);
+    mu[k] = static_cast<float>(m * volumes[t]);
+    lambda[k] = static_cast<float>(l * volumes[t]);
+  }
+  for (size_t p = 0; p < place.size(); ++p) rest.slot_offsets[p + 1] += rest.slot_offsets[p];
+  rest.slots.resize(4 * tets.size());
+  std::vector<uint32_t> cursor(rest.slot_offsets.begin(), rest.slot_offsets.end() - 1);
+  for (size_t k = 0; k < order.size(); ++k)
+    for (size_t c = 0; c < 4; ++c) rest.slots[cursor[corners[c * rest.stride + k]]++] = static_cast<uint32_t>(c * rest.stride + k);
+}
+
+}  // namespace
+
+std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
+                                                           const EquilibriumMaterial& material) {
+  require_host(executor, "equilibrium");
+  require_size(lattice.tet_rest.size(), tets.vertices(), "equilibrium", "vertices in the lattice", "vertices of the tet mesh");
+  const auto start = std::chrono::steady_clock::now();
+  auto made = std::make_shared<EquilibriumRest>();
+  EquilibriumRest& rest = *made;
+  const uint32_t n = static_cast<uint32_t>(tets.vertices());
+  rest.term = material.term;
+  rest.places = n;
+  rest.rows = (n + 15) / 16 * 16;
+  rest.rest = tets.rest;
+  rest.to_local = lattice.to_local.scale;
+  rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
+
+  Assembly a{tets,
+             lattice,
+             material,
+             painted(executor, material.stiffness_weights, lattice, "stiffness weights", false),
+             painted(executor, material.volume_weights, lattice, "volume weights", false),
+             std::vector<double>(n, 0)};
+  for (float& w : a.stiffness) w = std::max(w, 1e-3f);  // no stiffness at all is no shape at all
+  const std::vector<float> hold = painted(executor, material.hold_weights, lattice, "hold weights", false);
+  const std::vector<float> pins = painted(executor, material.pins, lattice, "pins", true);
+  for (size_t t = 0; t < tets.tets.size(); ++t)
+    for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
+
+  constexpr uint32_t kLeaf = 16;
+  const Dissection dissection = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf);
+  rest.figures.order_seconds = seconds_since(start);
+  rest.vertex_at = dissection.order;
+  std::vector<uint32_t> place(n);
+  for (uint32_t p = 0; p < n; ++p) place[dissection.order[p]] = p;
+  make_tet_tables(a, place, rest);
+  make_samples(a, place, rest.samples);
+
+  rest.hold.resize(n);
+  rest.free.assign(n, 1);
+  for (uint32_t v = 0; v < n; ++v) {
+    double pull = material.hold * (hold.empty() ? 1.0 : hold[v]);
+    const double pin = pins.empty() ? 0 : pins[v];
+    if (pin >= 1)
+      rest.free[place[v]] = 0, rest.any_pinned = true;
+    else if (pin > 0)
+      pull += 100 * pin / (1 - pin);
+    rest.hold[place[v]] = static_cast<float>(pull / (rest.diagonal * rest.diagonal) * a.mass[v]);
+  }
+  const double mean_lame = 2 * material.poisson_ratio / (1 - 2 * material.poisson_ratio);
+  rest.bulk = mean_lame;
+  if (material.keep_volume) make_fans(lattice, rest);
+  rest.contact_scale = (1 + mean_lame) / std::max(tets.mean_edge, 1e-6f);
+
+  std::vector<std::array<uint32_t, 2>> edges;
+  std::vector<double> entries, diagonal(n, 0);
+  add_stiffness(a, place, edges, entries, diagonal);
+  for (uint32_t p = 0; p < n; ++p) {
+    diagonal[p] = (diagonal[p] + rest.hold[p]) * (1 + 1e-5);  // a floating body without hold stays solvable in float32
+    if (rest.free[p] == 0) diagonal[p] = 1;
+  }
+  for (size_t e = 0; e < edges.size(); ++e)
+    if (rest.free[edges[e][0]] == 0 || rest.free[edges[e][1]] == 0) entries[e] = 0;
+  const auto before_factor = std::chrono::steady_clock::now();
+  rest.metric_diagonal.assign(diagonal.begin(), diagonal.end());
+  const auto plan = std::make_shared<const FactorPlan>(dissection, std::move(edges), std::vector<float>(entries.begin(), entries.end()));
+  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, rest.metric_diagonal);
+  rest.figures.factor_seconds = seconds_since(before_factor);
+  rest.figures.vertices = n;
+  rest.figures.tets = rest.tets;
+  rest.figures.samples = rest.samples.size();
+  rest.figures.factor_values = plan->stored_values();
+  rest.figures.seconds = seconds_since(start);
+  return made;
+}
+
+const RestFigures& figures_of(const EquilibriumRest& rest) {
+  return rest.figures;
+}
+
+}  // namespace knead

@@ -1,0 +1,48 @@
+// The tables behind kernels/equilibrium.h. All of H's vertices are numbered by their places in the factor's elimination order.
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "kernels/equilibrium.h"
+#include "kernels/sparse_cholesky.h"
+
+namespace knead {
+
+// Points of M that are kept outside the colliders, as combinations of H's vertices; and the other way round.
+struct SampleTable {
+  std::vector<uint32_t> offsets, indices;  // by sample
+  std::vector<float> weights;
+  std::vector<Vec3f> rest;                           // M's local units
+  std::vector<float> area;                           // cells^2
+  std::vector<Vec3f> outward;                        // area vectors at rest, out of the body, cells^2
+  std::vector<uint32_t> back_offsets, back_samples;  // by place
+  std::vector<float> back_weights;
+  size_t size() const { return area.size(); }
+};
+
+class EquilibriumRest {
+ public:
+  ElasticTerm term;
+  uint32_t places = 0;              // vertices of H
+  uint32_t rows = 0;                // places, padded to a multiple of 16
+  Buffer<Vec3f> rest;               // x_rest in H's own numbering
+  std::vector<uint32_t> vertex_at;  // by place
+  size_t tets = 0, stride = 0;      // stride: tets, padded to lanes
+  Buffer<uint32_t> corners;         // [4][stride]
+  Buffer<float> shape, mu, lambda;
+  std::vector<uint32_t> slot_offsets, slots;  // by place: which rows of the tets' forces act on it
+  std::vector<float> hold;                    // by place, cells^-2 times cells^3
+  std::vector<float> free;                    // 1, or 0 for a pinned place
+  bool any_pinned = false;
+  SampleTable samples;                      // M's vertices first
+  std::vector<uint32_t> fan_offsets, fans;  // by vertex of M: the other two corners of its triangles; empty for an open surface
+  double bulk = 0;                          // Lame's first parameter over the body, for the enclosed volume
+  double diagonal = 0;                      // of M, cells
+  double to_local = 1;
+  double contact_scale = 1;                // kc of `contact` = 1, per cell
+  std::vector<float> metric_diagonal;      // P's, by place
+  std::unique_ptr<SparseCholesky> factor;  // of P without contacts
+  RestFigures figures;
+};
+
+}  // namespace knead

@@ -1,0 +1,80 @@
+// Sparse Cholesky for many solves by the multifrontal method (Duff and Reid 1983; Liu 1992) over a nested dissection, in float32: three right-hand
+// sides at once, and quick enough to be made anew for a frame's contacts (kernels/factor_body.h).
+#pragma once
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "graph/buffer.h"
+#include "graph/executor.h"
+#include "kernels/factor_body.h"
+#include "kernels/nested_dissection.h"
+
+namespace knead {
+
+struct EnergyLanes;
+
+// What belongs to the matrix but for its diagonal: its entries, the tree of fronts and where everything goes. Shared by all factors.
+class FactorPlan {
+ public:
+  // In places of the dissection: `edges` with their entries, each once.
+  FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, std::vector<float> entries);
+
+  uint32_t size() const { return static_cast<uint32_t>(node_of_.size()); }
+  size_t stored_values() const { return values_; }
+  double flops() const { return flops_; }  // of one factorisation
+
+ private:
+  friend class SparseCholesky;
+  struct Front {
+    uint32_t first = 0, width = 0, height = 0, ld = 0;
+    uint32_t parent = DissectionNode::kNone;
+    uint32_t rows = 0;  // its columns and then the rows below them, in rows_
+    uint32_t panels = 0, panel_count = 0;
+    uint32_t own = 0, own_count = 0;  // its edges, in own_
+    uint32_t to_parent = 0;           // where its rows below are in its parent's front, in to_parent_
+    std::vector<uint32_t> children;
+  };
+  struct Own {
+    uint32_t row, column;  // in the front
+    float entry;
+  };
+  std::vector<Front> fronts_;
+  std::vector<Panel> panels_;
+  std::vector<uint32_t> rows_, to_parent_, node_of_;
+  std::vector<Own> own_;
+  std::vector<std::vector<int>> successors_;
+  std::vector<int> waits_for_;
+  size_t values_ = 0;
+  uint32_t highest_ = 0;
+  double flops_ = 0;
+};
+
+class SparseCholesky {
+ public:
+  // Throws Error(kInput) when the matrix with this diagonal is not positive definite.
+  SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> diagonal);
+
+  // The factor for another diagonal. Only the fronts above places where it differs are made anew; the others are shared with `before`, which must
+  // have kept its updates (a factor made by the constructor has).
+  SparseCholesky(Executor& executor, const EnergyLanes& lanes, const SparseCholesky& before, std::span<const float> diagonal);
+
+  // x <- A^-1 x; `scratch` has scratch_floats() of room.
+  void solve(const EnergyLanes& lanes, Row4* x, float* scratch) const;
+
+  size_t scratch_floats() const { return 3 * size_t{plan_->highest_}; }
+  size_t bytes() const { return values_.bytes(); }
+
+ private:
+  void factor_front(const EnergyLanes& lanes, uint32_t n, std::span<const float> diagonal, const SparseCholesky* before,
+                    const std::vector<char>& changed);
+
+  std::shared_ptr<const FactorPlan> plan_;
+  std::vector<float> diagonal_;
+  std::vector<Buffer<float>> updates_;  // by front: what it hands to its parent, by columns of full height
+  Buffer<float> values_;
+};
+
+}  // namespace knead

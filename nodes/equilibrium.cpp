@@ -1,0 +1,180 @@
+#include "kernels/equilibrium.h"
+
+#include "graph/registry.h"
+#include "kernels/lattice_map.h"
+
+namespace knead {
+
+// What the frames share: the tables and the factor of one rest shape.
+struct PreparedRest {
+  std::shared_ptr<const EquilibriumRest> rest;
+};
+template <>
+struct PortTraits<PreparedRest> {
+  static constexpr const char* name = "PreparedRest";
+  template <class F>
+  static void each_buffer(PreparedRest&, F&&) {}
+};
+
+namespace {
+
+const char* const kManual =
+    R"(The shape in which a soft body comes to rest against hard colliders: the minimum of one energy over H (method.md 4). Takes the place of the loop.
+
+  tets:   {type: build_tets, surface: head}
+  press:  {type: equilibrium, surface: head, sdf: solid, tets: tets, lattice: tets.lattice}
+  exact:  {type: collide_sdf, mode: project, surface: press, sdf: solid}
+
+The energy is elastic + hold + contact, every part dimensionless, so that a parameter means the same at any size and at any fineness of H:
+  elastic  `material`: stable_neo_hookean (Smith, de Goes, Kim 2018), corotated, or edges (springs along H's edges); `poisson_ratio` says how well volume is
+           kept: 0.45 lets flesh give a little; nearer to 0.5 is slower. What M encloses as a whole is kept by `keep_volume`
+  hold     a pull to rest, `hold`, over the body: 0 lets a free body be pushed aside as a whole, 20 keeps it, 200 keeps dents local. `pins` hold for good.
+  contact  every vertex of M outside every collider: a stiff push with a memory (augmented Lagrangian), so that it ends exact, not merely stiff.
+           `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider.
+
+Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
+
+It starts from rest and runs L-BFGS over one sparse Cholesky factor of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept. It ends when the forces
+balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
+left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where nothing touches, M comes out untouched. The same bits
+for any number of threads.)";
+
+ElasticTerm term_of(const std::string& name) {
+  return name == "edges" ? ElasticTerm::kEdges : name == "corotated" ? ElasticTerm::kCorotated : ElasticTerm::kStableNeoHookean;
+}
+
+class Equilibrium : public Node {
+ public:
+  In<Surface> surface{this, "surface", {.unit = "world", .doc = "M at rest, as build_tets had it"}};
+  ManyIn<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "the colliders; none or several"}};
+  In<TetMesh> tets{this, "tets", {.doc = "H at rest"}};
+  In<Lattice> lattice{this, "lattice", {.doc = "M in H"}};
+  OptionalIn<Weights> pins{this, "pins", {.shape = "vertices of M", .doc = "0 free, 1 pinned"}};
+  OptionalIn<Weights> stiffness_weights{
+      this, "stiffness_weights", {.shape = "vertices of M", .doc = "how stiff, relative to elsewhere; inside H the mean"}};
+  OptionalIn<Weights> volume_weights{this, "volume_weights", {.shape = "vertices of M", .doc = "of the volume's part in the material"}};
+  OptionalIn<Weights> hold_weights{this, "hold_weights", {.shape = "vertices of M", .doc = "of `hold`"}};
+  Param<std::string> material{
+      this, "material", "stable_neo_hookean", {.choices = {"stable_neo_hookean", "corotated", "edges"}, .doc = "the elastic energy"}};
+  Param<double> poisson_ratio{
+      this, "poisson_ratio", EquilibriumMaterial{}.poisson_ratio, {.min = 0, .max = 0.4999, .doc = "how well volume is kept"}};
+  Param<bool> keep_volume{
+      this, "keep_volume", EquilibriumMaterial{}.keep_volume, {.doc = "M as a whole keeps the volume that it encloses; closed surfaces only"}};
+  Param<double> hold{this, "hold", EquilibriumMaterial{}.hold, {.min = 0, .doc = "pull to rest, relative to stiffness over the diagonal squared"}};
+  Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
+  Param<int> contact_samples{
+      this,
+      "contact_samples",
+      0,
+      {.min = 0, .max = 16, .doc = "subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only"}};
+  Param<double> contact{
+      this, "contact", EquilibriumSettings{}.contact, {.min = 1e-3, .max = 1e3, .doc = "stiffness of a contact before its memory fills"}};
+  Param<int> max_iterations{this, "max_iterations", EquilibriumSettings{}.max_iterations, {.min = 1, .doc = "after which it ends in any case"}};
+  Param<double> threshold{
+      this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
+  Param<double> displacement{
+      this, "displacement", EquilibriumSettings{}.displacement, {.min = 0, .unit = "diagonals", .doc = "longest last step at rest"}};
+  Param<double> penetration{
+      this, "penetration", EquilibriumSettings{}.penetration, {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest"}};
+  Param<int> memory_interval{this,
+                             "memory_interval",
+                             EquilibriumSettings{}.memory_interval,
+                             {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
+  Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
+  Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
+  Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
+  Out<Report> report{
+      this, "report", {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), least_tet_volume, times"}};
+
+  void evaluate(Context& context) const override {
+    const Surface& body = context.get(surface);
+    const TetMesh& mesh = context.get(tets);
+    const Lattice& bound = context.get(lattice);
+    if (body.points.id() != bound.rest.points.id())
+      throw Error(ErrorCode::kInput, "surface is not the one that the lattice binds", "connect the surface that build_tets has");
+    const Value shared = context.once(key(context, mesh, bound), [&] { return Value::of(PreparedRest{prepare(context, mesh, bound)}); });
+    const EquilibriumRest& rest = *shared.as<PreparedRest>().rest;
+
+    std::vector<const Sdf*> colliders;
+    for (size_t k = 0; k < context.count(sdf); ++k) colliders.push_back(&context.get(sdf, k));
+    EquilibriumSettings settings;
+    settings.max_iterations = max_iterations();
+    settings.gradient = threshold();
+    settings.displacement = displacement();
+    settings.penetration = penetration();
+    settings.contact = contact();
+    settings.memory_interval = memory_interval();
+    settings.memory_gradient = memory_gradient();
+    settings.margin = margin() / body.placement.scale;
+    settings.check_cancelled = [&] { context.check_cancelled(); };
+    EquilibriumFigures figures;
+    const Buffer<Vec3f> moved = solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures);
+    Surface pressed = body;
+    if (moved.id() != mesh.rest.id()) pressed.points = map_to_surface(context.executor(), moved, bound);
+    context.add_time("elastic", figures.elastic_seconds);
+    context.add_time("contact", figures.contact_seconds);
+    context.add_time("metric", figures.solve_seconds);
+    context.set(result, std::move(pressed));
+    context.set(points, Points{moved});
+    context.set(report, describe(figures, figures_of(rest)));
+  }
+
+ private:
+  Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
+    Hasher key;
+    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples());
+    key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
+    if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
+    for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
+      const Weights* painted = context.get(*port);
+      key.add(painted ? painted->values.id() : 0);
+    }
+    return key.key();
+  }
+
+  std::shared_ptr<const EquilibriumRest> prepare(Context& context, const TetMesh& mesh, const Lattice& bound) const {
+    const auto paint = [&](const OptionalIn<Weights>& port) { return context.get(port) ? &context.get(port)->values : nullptr; };
+    EquilibriumMaterial settings;
+    settings.term = term_of(material());
+    settings.poisson_ratio = poisson_ratio();
+    settings.hold = hold();
+    settings.keep_volume = keep_volume();
+    settings.contact_samples = contact_samples();
+    settings.pins = paint(pins);
+    settings.stiffness_weights = paint(stiffness_weights);
+    settings.volume_weights = paint(volume_weights);
+    settings.hold_weights = paint(hold_weights);
+    auto rest = prepare_equilibrium(context.executor(), mesh, bound, settings);
+    return rest;
+  }
+
+  static Report describe(const EquilibriumFigures& figures, const RestFigures& rest) {
+    Report report;
+    report.set("ended", figures.ended);
+    report.set("iterations", figures.iterations);
+    report.set("evaluations", figures.evaluations);
+    report.set("memory_updates", figures.updates);
+    report.set("gradient", figures.gradient);
+    report.set("last_step", figures.step);
+    report.set("contacts", static_cast<double>(figures.contacts));
+    report.set("contact_error", figures.penetration);
+    report.set("least_tet_volume", figures.least_volume);
+    report.set("energy", figures.energy);
+    report.set("solve_milliseconds", 1e3 * figures.seconds);
+    report.set("elastic_milliseconds", 1e3 * figures.elastic_seconds);
+    report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
+    report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
+    report.set("contact_factor_milliseconds", 1e3 * figures.factor_seconds);
+    report.set("factor_values", static_cast<double>(rest.factor_values));
+    report.set("order_milliseconds", 1e3 * rest.order_seconds);
+    report.set("factor_milliseconds", 1e3 * rest.factor_seconds);
+    report.set("prepare_milliseconds", 1e3 * rest.seconds);
+    return report;
+  }
+};
+
+}  // namespace
+
+KNEAD_REGISTER(equilibrium, Equilibrium, 1, kManual)
+
+}  // namespace knead

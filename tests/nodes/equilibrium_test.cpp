@@ -1,0 +1,150 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "graph/evaluator.h"
+#include "graph/report.h"
+#include "kernels/data.h"
+
+namespace knead {
+namespace equilibrium_test {
+
+// A ball with a smaller one over it, which touches it from frame 2 on. Everything is `size` times as large.
+GraphSpec pressed(Literal::Map more = {}, double size = 1, Literal::List at = {0.0, 0.0, 0.0}) {
+  const auto up = [&](double y) { return Literal::Map{{"translate", Literal::List{at[0].number(), at[1].number() + size * y, at[2].number()}}}; };
+  GraphSpec graph;
+  graph.add("shape", "primitive", {{"shape", "sphere"}, {"radius", size}, {"resolution", 3}})
+      .add("body", "transform", {{"mesh", "shape"}, {"keys", Literal::Map{{1, Literal::Map{{"translate", at}}}}}})
+      .add("ball", "primitive", {{"shape", "sphere"}, {"radius", 0.5 * size}, {"resolution", 3}})
+      .add("motion", "transform", {{"mesh", "ball"}, {"keys", Literal::Map{{1, up(3)}, {2, up(1.2)}, {3, up(1.0)}}}})
+      .add("solid", "mesh_to_sdf", {{"mesh", "motion"}, {"voxel_size", 0.04 * size}})
+      .add("tets", "build_tets", {{"surface", "body"}, {"max_depth", 4}});
+  Literal::Map arguments{{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  graph.add("press", "equilibrium", std::move(arguments));
+  return graph.add(
+      "figures", "measure",
+      {{"surface", "press"}, {"rest", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"points", "press.points"}, {"report", "press.report"}});
+}
+
+double largest_difference(const Surface& a, const Surface& b, double scale = 1, Vec3d offset = {0, 0, 0}) {
+  double most = 0;
+  for (size_t i = 0; i < a.points.size(); ++i) {
+    const Vec3d p = a.placement.apply(to_double(a.points.host()[i])), q = b.placement.apply(to_double(b.points.host()[i]));
+    most = std::max(most, length((1 / scale) * (q - offset) - p));
+  }
+  return most;
+}
+
+TEST(Equilibrium, LeavesASurfaceWithoutContactUntouched) {
+  Evaluator evaluator(compile(pressed()));
+  const auto body = evaluator.get<Surface>("body", 1), result = evaluator.get<Surface>("press.surface", 1);
+  EXPECT_EQ(std::memcmp(body.points.host().data(), result.points.host().data(), body.points.bytes()), 0);
+  EXPECT_EQ(evaluator.get<Report>("press.report", 1).word("ended"), "no contact");
+}
+
+TEST(Equilibrium, ComesToRestOutsideTheColliderWithItsVolumeKept) {
+  for (const char* material : {"stable_neo_hookean", "corotated", "edges"}) {
+    Evaluator evaluator(compile(pressed({{"material", material}})));
+    const Report report = evaluator.get<Report>("figures", 2);
+    EXPECT_EQ(report.word("ended"), "rest") << material;
+    EXPECT_LE(report.number("iterations"), 80) << material;
+    EXPECT_LT(report.number("penetration_max_relative"), 6e-4) << material << ": of the mesh; the field's interpolant is a little smaller";
+    EXPECT_LT(std::abs(report.number("volume_error")), 3e-4) << material;
+    EXPECT_EQ(report.number("inverted_tets"), 0) << material;
+    EXPECT_GT(report.number("displacement_max"), 0.2) << material << ": a dent, not a body moved aside";
+    EXPECT_LT(report.number("displacement_max"), 0.35) << material;
+  }
+}
+
+TEST(Equilibrium, IsTheSameBitsForAnyNumberOfThreadsAndOrderOfFrames) {
+  std::vector<Surface> results;
+  for (const int threads : {1, 2}) {
+    const auto executor = make_cpu_executor(threads);
+    EvaluatorOptions options;
+    options.executor = executor.get();
+    Evaluator evaluator(compile(pressed()), options);
+    if (threads == 2) evaluator.get<Surface>("press.surface", 3);
+    results.push_back(evaluator.get<Surface>("press.surface", 2));
+  }
+  EXPECT_EQ(std::memcmp(results[0].points.host().data(), results[1].points.host().data(), results[0].points.bytes()), 0);
+}
+
+TEST(Equilibrium, DoesNotDependOnScaleAndPlace) {
+  const Surface plain = Evaluator(compile(pressed())).get<Surface>("press.surface", 2);
+  for (const double size : {1e-4, 1e4}) {
+    const Surface scaled = Evaluator(compile(pressed({}, size))).get<Surface>("press.surface", 2);
+    EXPECT_LT(largest_difference(plain, scaled, size), 2e-4) << size;
+  }
+  const Surface moved = Evaluator(compile(pressed({}, 1, {5.0, -7.0, 3.0}))).get<Surface>("press.surface", 2);
+  EXPECT_LT(largest_difference(plain, moved, 1, {5, -7, 3}), 2e-4);
+}
+
+TEST(Equilibrium, KeepsPinnedVerticesInPlace) {
+  GraphSpec graph = pressed({{"pins", "low"}, {"hold", 0.0}});
+  graph.add("low", "weights",
+            {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{0, 1, 0}}, {"point", Literal::List{0.0, -0.5, 0.0}}});
+  Evaluator evaluator(compile(graph));
+  const auto body = evaluator.get<Surface>("body", 2), result = evaluator.get<Surface>("press.surface", 2);
+  for (size_t i = 0; i < body.points.size(); ++i)
+    if (to_double(body.points.host()[i]).y < -0.5) EXPECT_EQ(length(result.points.host()[i] - body.points.host()[i]), 0) << i;
+  EXPECT_EQ(evaluator.get<Report>("press.report", 2).word("ended"), "rest");
+}
+
+TEST(Equilibrium, GoesTheWayInWhenABallIsHalfSunk) {
+  // At frame 3 the small ball's centre is on the body's surface: the nearest way out of it is sideways there.
+  Evaluator evaluator(compile(pressed()));
+  const Report report = evaluator.get<Report>("figures", 3);
+  EXPECT_EQ(report.word("ended"), "rest");
+  EXPECT_EQ(report.number("inverted_tets"), 0);
+  EXPECT_LT(std::abs(report.number("volume_error")), 3e-4);
+  double above = 0;  // no vertex is left on the far side of the ball
+  const Surface result = evaluator.get<Surface>("press.surface", 3);
+  for (const Vec3f& p : result.points.host())
+    if (std::hypot(p.x, p.z) < 0.25f) above = std::max(above, static_cast<double>(p.y));
+  EXPECT_LT(above, 0.62);
+}
+
+TEST(Equilibrium, IsHeldWhereHoldIsPainted) {
+  GraphSpec graph = pressed({{"hold_weights", "left"}});
+  graph.add("left", "weights", {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{1, 0, 0}}, {"inside", 10.0}, {"outside", 0.1}});
+  Evaluator evaluator(compile(graph));
+  const auto body = evaluator.get<Surface>("body", 2), result = evaluator.get<Surface>("press.surface", 2);
+  double left = 0, right = 0;
+  for (size_t i = 0; i < body.points.size(); ++i) {
+    const Vec3f p = body.points.host()[i];
+    (p.x < 0 ? left : right) += static_cast<double>(length(result.points.host()[i] - p));
+  }
+  EXPECT_GT(right, 1.3 * left);
+}
+
+TEST(Equilibrium, StretchesMoreWhereStiffnessIsPaintedLow) {
+  GraphSpec graph = pressed({{"stiffness_weights", "left"}});
+  graph.add("left", "weights", {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{1, 0, 0}}, {"inside", 1.0}, {"outside", 0.1}});
+  Evaluator evaluator(compile(graph));
+  const auto body = evaluator.get<Surface>("body", 2), result = evaluator.get<Surface>("press.surface", 2);
+  double left = 0, right = 0;
+  const auto& triangles = body.topology->triangles;
+  const auto before = body.points.host(), after = result.points.host();
+  for (size_t c = 0; c + 1 < triangles.size(); c += 3) {
+    const uint32_t a = triangles[c], b = triangles[c + 1];
+    const double stretch = std::abs(static_cast<double>(length(after[b] - after[a]) / length(before[b] - before[a])) - 1);
+    (before[a].x < 0 ? left : right) += stretch;
+  }
+  EXPECT_GT(right, 1.5 * left);
+}
+
+TEST(Equilibrium, NamesASurfaceThatTheLatticeDoesNotBind) {
+  GraphSpec graph = pressed();
+  for (auto& node : graph.nodes)
+    if (node.name == "press")
+      for (auto& [name, value] : node.arguments)
+        if (name.text() == Literal("surface").text()) value = "ball";
+  Evaluator evaluator(compile(graph));
+  EXPECT_THROW(evaluator.get<Surface>("press.surface", 2), Error);
+}
+
+}  // namespace equilibrium_test
+}  // namespace knead
