@@ -92,7 +92,7 @@ TEST(Vdb, RefusesWhatWouldNotFitBeforeTakingMemory) {
       EXPECT_EQ(e.code(), knead::ErrorCode::kMemory);
       EXPECT_NE(e.hint().find("voxel size"), std::string::npos) << e.what();
       if (voxel == 0.004) {  // the size that it names does fit
-        plan.voxel_size = std::stod(e.hint().substr(e.hint().find("voxel size") + 11));
+        plan.voxel_size = std::stod(e.hint().substr(e.hint().find("voxel size of") + 14));
         EXPECT_NO_THROW(knead::build_sdf(*executor, plan, ball)) << e.what();
       }
     }
