@@ -21,8 +21,7 @@ struct CollideInput {
   std::span<const Vec3f> points;          // M's local space, on the executor's device
   std::span<const float> memory;          // lambda per vertex, or empty
   Similarity placement;                   // of M
-  std::span<const Vec3f> ways;            // as ContactSides, or empty
-  std::span<const uint8_t> trapped;
+  std::span<const Vec3d> shifts;          // per collider: how far it stands back from its place, M's local space; or empty
   std::span<const Sdf* const> colliders;  // their grids on the executor's device
   double margin = 0;                      // M's local units
   double rate = 1;                        // of the contact memory
@@ -33,7 +32,6 @@ struct CollideFigures {
   double deepest = 0;  // penetration, M's local units
   size_t inside = 0;   // vertices in collision
   size_t pushed = 0;   // vertices with a displacement that is not zero
-  size_t astray = 0;   // vertices on the wrong side of a collider, sent along their way
 };
 
 // d_i and the new memory for every vertex. Throws Error(kInput) for more than kMostColliders colliders or a margin beyond a collider's band.

@@ -9,7 +9,6 @@ namespace knead {
 
 inline constexpr uint32_t kMostColliders = 24;  // by value in the body, so that a launch needs no upload
 inline constexpr float kLeastSlope = 0.05f;     // a distance has slope 1; below this its direction means nothing
-inline constexpr float kWrongWay = -0.3f;       // cosine with the way into the body below which the nearest way out of a collider is the far side
 
 // A collider seen from M: index = matrix * y + offset for a vertex y in M's local space.
 struct ColliderView {
@@ -24,14 +23,11 @@ struct ContactFigures {
   float deepest = 0;    // penetration, M's local units
   uint32_t inside = 0;  // vertices with phi < margin
   uint32_t pushed = 0;  // vertices with a push that is not zero
-  uint32_t astray = 0;  // vertices on the wrong side of a collider, sent along their way
 };
 
 struct CollidePush {
   const Vec3f* points;        // [n] M's local space
   const float* memory;        // [n] lambda, local units; null: none yet
-  const Vec3f* ways;          // [n] the way into the body, as long as the body is thick; zero or null: not known
-  const uint8_t* trapped;     // [n] not 0: it began at the far side of a collider, outside; null: none
   Vec3f* displacement;        // [n] d_i, M's local space
   float* memory_out;          // [n]
   ColliderView colliders[kMostColliders];
@@ -98,38 +94,17 @@ struct CollidePush {
     float phi = distance(y, nearest);
     const float before = memory ? memory[i] : 0.0f;
     float lambda = before - rate * phi;
-    float depth = -phi;
-    Vec3f out{0, 0, 0};
-    bool known = false;
-    ContactFigures figures;
-    const float reach = ways ? length(ways[i]) : 0.0f;
-    if (reach > 0 && (phi < 0 || trapped[i])) {
-      const Vec3f in = ways[i] * (1 / reach);
-      if (phi < 0) {
-        out = outwards(colliders[nearest], y, true);
-        known = true;
-      }
-      if (phi >= 0 || dot(out, in) < kWrongWay) {
-        const float way = way_through(y, in, reach);
-        if (way <= reach) {  // a way to go, not a force to build up: the memory waits until the vertex is on its side
-          out = in;
-          known = true;
-          depth = way;
-          lambda = before;
-          figures.astray = 1;
-        }
-      }
-    }
     lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
-    const float push = lambda > depth ? lambda : depth;  // never less than the penetration itself
+    const float push = lambda > -phi ? lambda : -phi;  // never less than the penetration itself
+    ContactFigures figures;
     memory_out[i] = lambda;
     displacement[i] = {0, 0, 0};
-    if (depth > 0) {
+    if (phi < 0) {
       figures.inside = 1;
-      figures.deepest = depth;
+      figures.deepest = -phi;
     }
     if (push > 0) {
-      const Vec3f d = (known ? out : outwards(colliders[nearest], y, phi < 0)) * push;
+      const Vec3f d = outwards(colliders[nearest], y, phi < 0) * push;
       displacement[i] = d;
       figures.pushed = d.x != 0 || d.y != 0 || d.z != 0;
     }

@@ -141,8 +141,8 @@ struct Sdf {
 struct Contacts {
   Buffer<float> memory;
   double deepest = 0;  // deepest penetration met in the last push, as a fraction of M's rest diagonal
-  Buffer<Vec3f> ways{};     // per vertex: on which side of the colliders it belongs (kernels/contact_sides.h); empty: the nearest
-  Buffer<uint8_t> trapped{};  // per vertex, not 0: it began on the wrong side; empty: none
+  std::vector<Vec3d> stand_back{};  // per collider: where it began, away from its place, M's local space (kernels/approach.h); empty: in its place
+  int step = 0, steps = 0;          // of its way in; at `steps` it is in its place
 };
 
 #define KNEAD_PORT_TYPE(T, ...)                          \
@@ -166,7 +166,7 @@ template <>
 struct PortTraits<Contacts> {
   static constexpr const char* name = "Contacts";
   template <class F>
-  static void each_buffer(Contacts& v, F&& f) { f(v.memory); f(v.ways); f(v.trapped); }
+  static void each_buffer(Contacts& v, F&& f) { f(v.memory); }
   static double unrest(const Contacts&, const Contacts& after, Executor&) { return after.deepest; }
 };
 KNEAD_PORT_TYPE(Points, { f(v.values); })

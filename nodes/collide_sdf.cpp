@@ -1,9 +1,10 @@
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "graph/registry.h"
+#include "kernels/approach.h"
 #include "kernels/collide.h"
-#include "kernels/contact_sides.h"
 #include "kernels/data.h"
 #include "kernels/mesh_distance.h"
 
@@ -29,11 +30,11 @@ as their union: the one that a vertex is deepest in decides, and no grids are me
 memory lambda >= 0: lambda <- max(0, lambda - memory_rate * phi), and the push is lambda along grad phi. The other steps of the loop average a push away; the
 memory grows until it holds, and decays as soon as the vertex is outside. It is bounded by `memory_limit` times the surface's diagonal.
 
-The nearest way out may be the wrong one: the tip of a nose past a thumb's middle would be drawn out at the thumb's far side. So the first iteration of a
-loop, which has no memory yet and sees the surface at rest, looks at each patch of vertices in collision together with the islands that they cut off from the
-rest of the surface. If nearly all of the patch can come out of the collider into its own body, its vertices do, whenever the nearest way leads against that
-direction; the memory carries it through the loop. Patches like a finger in a ring, which have no such direction, go the nearest way. `sides: false` is the
-nearest way for all.
+The nearest way out may be the wrong one: the tip of a nose past a thumb's middle would be drawn out at the thumb's far side, and flesh above a bar that is
+pressed in deeper than it is thick would stay above it. So the first iteration of a loop, which has no memory yet and sees the surface at rest, looks at each
+collider for such vertices and for islands that it cuts off from the rest of the surface. If nearly all of them can go into the body the same way, the
+collider begins outside and comes in that way, by 1/400 of the diagonal an iteration and in 64 at most. Where there is no such way, as for a ring around a
+finger, and with `way_in: false`, the nearest way is taken.
 
 `mode: project` is the last step after the loop: every vertex that is inside goes to the nearest place outside, exactly against the collider's own triangles
 where the field carries them (else against the field's interpolant), a few rounding errors outside. A vertex squeezed between colliders goes to and fro, and
@@ -52,13 +53,13 @@ class CollideSdf : public Node {
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
   Param<double> memory_rate{this, "memory_rate", 1, {.min = 0, .max = 10, .doc = "how much of phi goes into the memory each time"}};
   Param<double> memory_limit{this, "memory_limit", 0.1, {.min = 0, .unit = "diagonals", .doc = "upper bound of the memory, as a fraction of the surface's diagonal"}};
-  Param<bool> sides{this, "sides", true, {.doc = "push: decide in the first iteration on which side of the colliders vertices belong; false: always the nearest"}};
+  Param<bool> way_in{this, "way_in", true, {.doc = "push: colliders that are in too deep to tell the side come in from outside over the first iterations"}};
   Param<int> rounds{this, "rounds", 32, {.min = 1, .max = 1000, .doc = "project: attempts at a vertex between several colliders"}};
   Param<int> samples{this, "samples", 0, {.min = 0, .max = 32, .doc = "project: subdivisions of a triangle's sides whose points are kept outside too; 0: vertices only"}};
   Out<Points> displacement{this, "displacement", {.unit = "local", .shape = "vertices", .doc = "the push of each vertex, in the surface's local space"}};
   Out<Surface> pushed{this, "surface", {.unit = "world", .doc = "the surface with the push applied"}};
   Out<Contacts> contacts{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory for the next iteration"}};
-  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); push: vertices_astray, on the wrong side of a collider; project adds what is left"}};
+  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); push: way_in_steps; project adds what is left"}};
 
   Runs runs() const override { return mode() == "project" ? Runs::kHost : Runs::kAnyDevice; }
 
@@ -85,6 +86,26 @@ class CollideSdf : public Node {
     return context.once(key.key(), [&] { return Value::of(SearchableMesh{std::make_shared<MeshDistance>(mesh.points.host(), triangles, &context.executor())}); });
   }
 
+  // Where the colliders stand in this iteration: the first looks for their way in, the others go on along it.
+  void come_in(Context& context, const Surface& body, const Contacts* before, const CollideInput& input, Contacts& after) const {
+    constexpr double kStride = 0.0025, kMostSteps = 64;  // of the diagonal, an iteration
+    if (before) {
+      after.stand_back = before->stand_back;
+      after.steps = before->steps;
+      after.step = std::min(before->step + 1, before->steps);
+    } else if (way_in() && body.topology) {
+      Value mesh;
+      after.stand_back = stand_back(context.executor(), input, body.topology->triangles, [&]() -> const MeshDistance& {
+        mesh = searchable(context, body);
+        return *mesh.as<SearchableMesh>().distance;
+      });
+      double longest = 0;
+      for (const Vec3d& shift : after.stand_back) longest = std::max(longest, length(shift));
+      after.steps = static_cast<int>(std::ceil(std::min(kMostSteps, relative(longest, body) / kStride)));
+    }
+    if (after.step == after.steps) after.stand_back.clear();
+  }
+
   void push(Context& context, const Surface& body, const std::vector<const Sdf*>& colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const size_t n = body.vertices();
@@ -98,22 +119,10 @@ class CollideSdf : public Node {
     input.margin = margin() / body.placement.scale;
     input.rate = memory_rate();
     input.most = memory_limit() * body.diagonal();
-    if (before) {
-      after.ways = before->ways;
-      after.trapped = before->trapped;
-    } else if (sides() && body.topology) {
-      Value mesh;
-      ContactSides found = contact_sides(executor, input, body.topology->triangles, [&]() -> const MeshDistance& {
-        mesh = searchable(context, body);
-        return *mesh.as<SearchableMesh>().distance;
-      });
-      after.ways = std::move(found.ways);
-      after.trapped = std::move(found.trapped);
-    }
-    if (after.ways) {
-      input.ways = after.ways.view(executor.device());
-      input.trapped = after.trapped.view(executor.device());
-    }
+    come_in(context, body, before, input, after);
+    std::vector<Vec3d> shifts = after.stand_back;
+    for (Vec3d& shift : shifts) shift = (1 - static_cast<double>(after.step) / after.steps) * shift;
+    input.shifts = shifts;
     const CollideFigures figures = collide_push(executor, input, moves.values.data_for_write(), after.memory.data_for_write());
 
     Surface moved = body;
@@ -122,8 +131,9 @@ class CollideSdf : public Node {
       add_displacement(executor, input.points, moves.values.view(executor.device()).data(), moved.points.data_for_write());
     }
     after.deepest = relative(figures.deepest, body);
+    for (const Vec3d& shift : shifts) after.deepest = std::max(after.deepest, relative(length(shift), body));  // the loop must not end on the way
     Report figures_report = describe(figures.inside, figures.deepest, body);
-    figures_report.set("vertices_astray", static_cast<double>(figures.astray));
+    figures_report.set("way_in_steps", static_cast<double>(after.steps));
     context.set(displacement, std::move(moves));
     context.set(pushed, std::move(moved));
     context.set(contacts, std::move(after));
