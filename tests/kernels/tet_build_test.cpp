@@ -130,7 +130,7 @@ TEST(TetBuild, ProngsOfAForkComeApartUpToTheirBase) {
   }
   const Surface surface = fork.surface();
   std::vector<std::string> warnings;
-  const TetBuild build = built(surface, {.max_depth = 5, .min_depth = 5}, &warnings);
+  const TetBuild build = built(surface, {.max_depth = 5, .min_depth = 5, .split_pieces = true}, &warnings);
   EXPECT_TRUE(warnings.empty()) << warnings[0];
   EXPECT_EQ(wrong(build, surface), "");
   EXPECT_GT(build.pieces_split, 10u);
