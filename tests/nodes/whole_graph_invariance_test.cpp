@@ -5,11 +5,11 @@
 // kRounding allows ten times that. It holds at the default stop too, as long as no frame ends within rounding of the threshold.
 //
 // Turned by a transform node the body keeps its own space, and its bits. A mesh that was turned before it was written is rounded elsewhere, and its H and its
-// collider's field come out the same along the shapes' own axes (kernels/principal_frame.h), which carry another 1e-7; kTurned allows for that. Shapes without
-// clear axes keep those of their file; then the discretisation differs, and the result by less than a cell at the worst vertex: kOtherCells.
+// collider's field come out the same along the shapes' own axes (kernels/principal_frame.h), which carry another 1e-7: 0.6e-7 to 6e-7 was measured. Shapes
+// without clear axes keep those of their file; then the discretisation differs, and the result by less than a cell at the worst vertex: kOtherCells.
 //
-// Rounding can flip one decision of the octree in rare cases (a triangle within 1e-7 of touching a cell, a split by one vertex on a cell's face): for these
-// bodies, of 2,400 vertices, once in tens of turns. The turns here are fixed ones that do not; the same comparison then holds to rounding.
+// Rounding can flip one decision of the octree in rare cases (a triangle within 1e-7 of touching a cell, a split by one vertex on a cell's face). The turns here
+// are fixed ones that do not. The presses are shallow enough not to reach collide_sdf's memory_limit, whose diagonal is that of the box along the file's axes.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -31,7 +31,6 @@ namespace whole_graph_invariance_test {
 namespace fs = std::filesystem;
 
 constexpr double kRounding = 3e-6;    // of the diagonal
-constexpr double kTurned = 1e-5;      // of the diagonal
 constexpr double kOtherCells = 0.04;  // of the diagonal; about a cell, 0.026 was measured
 constexpr double kThreshold = 1e-4;   // of the diagonal, where the loop stops
 
@@ -214,13 +213,13 @@ TEST_F(WholeGraphInvariance, OfTurningTheFiles) {
   // A fist has clear axes too; its knuckles go into the head's cheek.
   Mesh head = mesh_of(GraphSpec().add("a", "primitive", {{"shape", "head"}})), fist = mesh_of(GraphSpec().add("a", "primitive", {{"shape", "fist"}}));
   Similarity place = turn_about({1, 0, 0}, -90);
-  place.scale = 0.6;
-  place.translation = {0.28, 0, 0.95};
+  place.scale = 0.3;
+  place.translation = {0.28, 0, 0.82};
   fist = mapped(fist, place);
   const auto expected = pressed(head, fist, 1);
   EXPECT_GT(difference(expected, head.points), 0.02);
   for (const Similarity& turn : kTurns)
-    EXPECT_LT(difference(mapped(expected, turn), pressed(mapped(head, turn), mapped(fist, turn), 1)), kTurned) << turn.rotation[0];
+    EXPECT_LT(difference(mapped(expected, turn), pressed(mapped(head, turn), mapped(fist, turn), 1)), kRounding) << turn.rotation[0];
 }
 
 TEST_F(WholeGraphInvariance, OfTurningTheFilesOfAScannedHead) {
@@ -234,12 +233,12 @@ TEST_F(WholeGraphInvariance, OfTurningTheFilesOfAScannedHead) {
   place.scale = 0.2 * size / diagonal_of(fist.points);
   fist = mapped(fist, place);
   const auto nearest = std::min_element(fist.points.begin(), fist.points.end(), [](const Vec3d& a, const Vec3d& b) { return a.z < b.z; });
-  const Vec3d shift = tip - *nearest - Vec3d{0, 0, 0.05 * size};
+  const Vec3d shift = tip - *nearest - Vec3d{0, 0, 0.03 * size};
   for (Vec3d& p : fist.points) p = p + shift;
   const auto expected = pressed(head, fist, 0.4 * size);
   EXPECT_GT(difference(expected, head.points), 0.02);
   for (const Similarity& turn : kTurns)
-    EXPECT_LT(difference(mapped(expected, turn), pressed(mapped(head, turn), mapped(fist, turn), 0.4 * size)), kTurned) << turn.rotation[0];
+    EXPECT_LT(difference(mapped(expected, turn), pressed(mapped(head, turn), mapped(fist, turn), 0.4 * size)), kRounding) << turn.rotation[0];
 }
 
 TEST_F(WholeGraphInvariance, OfTurningTheFilesOfRoundBodiesUpToTheCells) {
