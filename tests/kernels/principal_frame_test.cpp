@@ -104,7 +104,8 @@ TEST(PrincipalFrame, DoesNotSeePlaceScaleOrderOrTessellation) {
 }
 
 TEST(PrincipalFrame, IsNotThereForShapesWithoutClearAxes) {
-  const Surface shapes[] = {make_sphere(1, 3), make_box({1, 1, 1}, 4), make_box({3, 2, 1}, 4), make_box({1, 0.004, 1}, 12), make_capsule(0.3, 2, 12), make_torus(1, 0.3, 24)};
+  const Surface shapes[] = {make_sphere(1, 3),           make_box({1, 1, 1}, 4),   make_box({3, 2, 1}, 4),
+                            make_box({1, 0.004, 1}, 12), make_capsule(0.3, 2, 12), make_torus(1, 0.3, 24)};
   for (const Surface& shape : shapes) {
     EXPECT_FALSE(frame_of(shape));
     EXPECT_FALSE(frame_of(turned(shape, rotation_about({1, 2, 3}, 40).matrix())));
