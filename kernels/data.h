@@ -2,7 +2,8 @@
 //
 // Spaces. *World* is the user's own units, in double where it is composed. Every Surface and Sdf has a *local* space in which its float32 data is small and
 // accurate, and a `placement` that takes local to world. H and everything inside the loop lives in *tet space*: local units of M divided by the finest
-// octree cell, about the centre of M, so that an offset of 1e6 or a scale of 1e-4 costs no precision and parameters are dimensionless.
+// octree cell, about the centre of M, along axes that M carries with it (kernels/principal_frame.h), so that an offset of 1e6 or a scale of 1e-4 costs no
+// precision, parameters are dimensionless, and a body that was turned before it was written gets the same H.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -112,7 +113,7 @@ struct TetMesh {
   NeighbourTable vertex_strips;       // the same tets as strips, one new vertex per entry (kernels/strips.h); values V0, signed
   NeighbourTable vertex_edges;        // the other end; values L
   Buffer<float> lane_volumes;         // [lanes of vertex_tets, padded] the volume of the lane's tets, cells^3; 0 in padding lanes
-  Similarity to_local;                // tet space to M's local space: scale is the finest cell's edge, no rotation
+  Similarity to_local;                // tet space to M's local space: scale is the finest cell's edge; vectors turn too
   float mean_edge = 0;                // mean of rest_lengths
   size_t vertices() const { return rest.size(); }
 };

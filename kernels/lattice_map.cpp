@@ -5,6 +5,15 @@
 #include "kernels/parallel.h"
 
 namespace knead {
+namespace {
+
+Linear3 linear_part(const Similarity& similarity, double gain) {
+  Linear3 linear{};
+  for (size_t k = 0; k < 9; ++k) linear.rows[k] = static_cast<float>(gain * similarity.scale * similarity.rotation[k]);
+  return linear;
+}
+
+}  // namespace
 
 Buffer<Vec3f> map_to_tets(Executor& executor, const Buffer<Vec3f>& displacement, const Buffer<Vec3f>& points, const Lattice& lattice,
                           const MapToTetsSettings& settings) {
@@ -18,7 +27,7 @@ Buffer<Vec3f> map_to_tets(Executor& executor, const Buffer<Vec3f>& displacement,
   body.from = from.view(executor.device()).data();
   body.to = to.data_for_write();
   body.gather = lane_table(lattice.gather, executor.device());
-  body.to_cells = static_cast<float>(settings.gain / lattice.to_local.scale);
+  body.to_cells = linear_part(lattice.to_local.inverse(), settings.gain);
   body.max_step = static_cast<float>(settings.max_step * settings.mean_edge);
   run_lanes(executor, body.gather.lanes, body, loop_lanes(executor).map_to_tets);
   return to;
@@ -35,7 +44,7 @@ Buffer<Vec3f> map_to_surface(Executor& executor, const Buffer<Vec3f>& points, co
   body.rest = rest.view(executor.device()).data();
   body.to = to.data_for_write();
   body.map = lane_table(lattice.map, executor.device());
-  body.to_local = static_cast<float>(lattice.to_local.scale);
+  body.to_local = linear_part(lattice.to_local, 1);
   run_lanes(executor, body.map.lanes, body, loop_lanes(executor).map_to_surface);
   return to;
 }

@@ -40,10 +40,12 @@ TetBuild build_tets(const Surface& surface, const TetBuildOptions& options, Exec
   TetBuild build;
   build.depth = octree.depth();
   build.pieces_split = copies.count() - cells.count();
-  build.surface_volume = std::abs(body.volume) * body.edge * body.edge * body.edge;
+  build.surface_volume = std::abs(body.volume) * std::pow(body.to_local.scale, 3);
   build.tets = make_tet_mesh(raw, origin, executor);
-  build.tets.to_local.scale = body.edge / side;
-  for (int k = 0; k < 3; ++k) build.tets.to_local.translation[k] = body.origin[k] + body.edge * (origin[static_cast<size_t>(k)] / kPlaceUnit) / side;
+  Similarity to_root;
+  to_root.scale = 1 / side;
+  for (int k = 0; k < 3; ++k) to_root.translation[k] = (origin[static_cast<size_t>(k)] / kPlaceUnit) / side;
+  build.tets.to_local = body.to_local * to_root;
   double volume = 0;
   for (const float v : build.tets.rest_volumes.host()) volume += double{v};
   build.tet_volume = volume * std::pow(build.tets.to_local.scale, 3);

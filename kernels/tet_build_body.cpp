@@ -7,6 +7,7 @@
 
 #include "graph/error.h"
 #include "kernels/octree.h"
+#include "kernels/principal_frame.h"
 
 namespace knead {
 namespace {
@@ -21,14 +22,17 @@ std::string counted(size_t n, const char* one, const char* many) {
   return std::to_string(n) + " " + (n == 1 ? one : many);
 }
 
-// The cube is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's middle, which are never near a multiple of any cell
+// The cube stands along M's own axes, so that it turns with M. It is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's middle, which are never near a multiple of any cell
 // size: the middle planes and the outer planes of a symmetric body do not fall on cell faces, where rounding would decide which cell they belong to.
 void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   const auto local = surface.points.host();
+  Similarity frame;
+  frame.rotation = principal_frame(local, body.triangles).value_or(frame.rotation);
+  const Similarity to_frame = frame.inverse();
   Vec3d lower{INFINITY, INFINITY, INFINITY}, upper = -lower;
   for (size_t v = 0; v < local.size(); ++v) {
     if (!body.used[v]) continue;
-    const Vec3d p = to_double(local[v]);
+    const Vec3d p = to_frame.rotate(to_double(local[v]));
     for (int k = 0; k < 3; ++k) {
       lower[k] = std::min(lower[k], p[k]);
       upper[k] = std::max(upper[k], p[k]);
@@ -36,14 +40,16 @@ void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   }
   const double size = std::max({upper.x - lower.x, upper.y - lower.y, upper.z - lower.z});
   if (!(size > 0)) throw Error(ErrorCode::kInput, "the surface has no extent: all of its vertices are in one place", "give it a mesh with triangles");
-  body.edge = size * 33 / 32;
+  const double edge = size * 33 / 32;
   const Vec3d middle = 0.5 * (lower + upper);
   body.centre = {0.5 + 1.0 / 192, 0.5 + 1.0 / 320, 0.5 + 2.0 / 448};
-  body.origin = middle - body.edge * body.centre;
+  body.to_local = frame;
+  body.to_local.scale = edge;
+  body.to_local.translation = frame.rotate(middle - edge * body.centre);
   body.points.resize(local.size());
   executor.parallel_ranges(local.size(), kPiece, [&](size_t begin, size_t end) {
     for (size_t v = begin; v < end; ++v)
-      body.points[v] = is_finite(local[v]) ? (1 / body.edge) * (to_double(local[v]) - middle) + body.centre : body.centre;
+      body.points[v] = is_finite(local[v]) ? (1 / edge) * (to_frame.rotate(to_double(local[v])) - middle) + body.centre : body.centre;
   });
 }
 

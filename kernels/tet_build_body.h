@@ -1,4 +1,4 @@
-// M as build_tets sees it: finite, in the unit cube of the octree, welded and consistently oriented as far as it can be.
+// M as build_tets sees it: finite, along its own axes in the unit cube of the octree, welded and consistently oriented as far as it can be.
 #pragma once
 #include <cstdint>
 #include <string>
@@ -9,10 +9,9 @@
 
 namespace knead {
 
-// Root space: the octree's cube is [0, 1]^3; local = origin + edge * root.
+// Root space: the octree's cube is [0, 1]^3, along M's principal axes where they are clear (principal_frame.h), else along those of local space.
 struct SoftBody {
-  Vec3d origin{0, 0, 0};
-  double edge = 0;
+  Similarity to_local;                // root space to M's local space; scale is the cube's edge
   Vec3d centre{0, 0, 0};              // of M's box, root space
   std::vector<Vec3d> points;          // per vertex of M; vertices that no face uses may lie outside the cube, non-finite ones are at the centre
   std::vector<uint8_t> used;          // 1: finite, and some face uses it

@@ -48,8 +48,12 @@ cells much larger than M's faces (depth 4) barycentric facets show first: dihedr
 
 A vertex that no face uses follows the nearest cell and does not move the body.
 
-Tet space: units of the finest cell's edge, about M's centre; rest positions are whole eighths, exact in float32. H is built once for a body that
-only moves, turns and scales as a whole.)";
+Cells stand along M's principal axes, by the second moments of its area, pointing where the third ones do. So a mesh that was turned before it was
+written gets the same H. Where two axes differ by less than 0.1 % or fewer than two have a direction (balls, boxes, plates, capsules, tori), cells
+stand along the axes of M's own space.
+
+Tet space: units of the finest cell's edge along those axes, about M's centre; rest positions are whole eighths, exact in float32. H is built once
+for a body that only moves, turns and scales as a whole.)";
 
 LatticeKind kind_of(const std::string& name) {
   return name == "barycentric" ? LatticeKind::kBarycentric : name == "trilinear" ? LatticeKind::kTrilinear : LatticeKind::kMeanValue;
@@ -132,6 +136,6 @@ class BuildTets : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(build_tets, BuildTets, 1, kManual)
+KNEAD_REGISTER(build_tets, BuildTets, 2, kManual)
 
 }  // namespace knead

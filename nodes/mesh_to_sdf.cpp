@@ -8,12 +8,13 @@
 #include "kernels/data.h"
 #include "kernels/mesh_distance.h"
 #include "kernels/primitives.h"
+#include "kernels/principal_frame.h"
 
 namespace knead {
 
-// What the frames share: the field in the collider's own space, and what had to be said about it.
+// What the frames share: the field along the collider's own axes, and what had to be said about it.
 struct SolidField {
-  Sdf sdf;
+  Sdf sdf;  // its placement: to the collider's local space
   std::vector<std::string> warnings;
 };
 template <>
@@ -29,6 +30,7 @@ const char* const kManual = R"(A collider mesh as a signed distance field: negat
 
 The field knows its whole inside, as deep as a body can go in, and a band of `band` voxels outside; beyond that it is a positive constant. It is built once in
 the collider's own space and moved with it, as long as the collider only turns, moves and scales; a mesh whose points change is built again for every frame.
+Voxels stand along the collider's principal axes where these are clear, as build_tets' cells do, so that a collider turned in its file has the same field.
 
 `voxel_size` is in world units. 0 takes the longest side over `resolution`. Distances come from the triangles themselves (Embree), not from OpenVDB's mesh
 converter: that one fills hollow shells, leaks into open ones and takes many times longer for deep interiors. Inside is where the winding number is above one
@@ -60,7 +62,7 @@ class MeshToSdf : public Node {
     const SolidField& field = shared.as<SolidField>();
     for (const std::string& warning : field.warnings) context.warn(warning);
     Sdf placed = field.sdf;
-    placed.placement = surface.placement;
+    placed.placement = surface.placement * field.sdf.placement;
     context.set(sdf, std::move(placed));
   }
 
@@ -72,6 +74,7 @@ class MeshToSdf : public Node {
     ClosedMesh solid = close_mesh(surface.points.host(), triangles);
     if (solid.triangles.empty())
       throw Error(ErrorCode::kInput, fmt::format("the collider has no triangle with an area ({} triangles given)", triangles.size() / 3), "is this the right mesh?");
+    const Similarity own_axes = turn_to_own_axes(solid);
     const MeshDistance distance(std::span<const Vec3f>(solid.points), solid.triangles, &executor);
     context.check_cancelled();
 
@@ -90,8 +93,26 @@ class MeshToSdf : public Node {
     if (distance.overlapping()) field.warnings.push_back("collider: parts of it lie inside others; the field is that of their union");
     field.sdf = build_sdf(executor, plan, [&](const Vec3d& local, uint32_t& hint) { return distance.signed_distance_near(local, hint).distance; });
     warn_if_thin(distance, solid, plan, scale, field);
+    field.sdf.placement = own_axes;
     field.sdf.mesh = std::make_shared<Surface>(make_triangle_surface(std::move(solid.points), std::move(solid.triangles)));
     return field;
+  }
+
+  // Returns the way back.
+  static Similarity turn_to_own_axes(ClosedMesh& solid) {
+    const auto rotation = principal_frame(solid.points, solid.triangles);
+    Similarity back;
+    if (!rotation) return back;
+    back.rotation = *rotation;
+    const Similarity turn = back.inverse();
+    for (Vec3f& p : solid.points) p = to_float(turn.rotate(to_double(p)));
+    solid.lower = solid.upper = to_double(solid.points[solid.triangles[0]]);
+    for (const uint32_t v : solid.triangles)
+      for (int k = 0; k < 3; ++k) {
+        solid.lower[k] = std::min(solid.lower[k], double{solid.points[v][k]});
+        solid.upper[k] = std::max(solid.upper[k], double{solid.points[v][k]});
+      }
+    return back;
   }
 
   // Measures the thickness under the triangles by rays, and compares it with what voxels can hold.
@@ -129,6 +150,6 @@ class MeshToSdf : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(mesh_to_sdf, MeshToSdf, 1, kManual)
+KNEAD_REGISTER(mesh_to_sdf, MeshToSdf, 2, kManual)
 
 }  // namespace knead

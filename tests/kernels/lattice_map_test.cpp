@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "graph/error.h"
+#include "kernels/motion.h"
 #include "kernels/simd_level.h"
 #include "tests/kernels/loop_fixture.h"
 
@@ -98,6 +99,34 @@ TEST(MapToSurface, FollowsAnyAffineMotionOfH) {
   for (size_t i = 0; i < y.size(); ++i) {
     const Vec3d expected = scale * affine((1 / scale) * to_double(scene.surface.points.host()[i]));  // tet space is about the origin here
     ASSERT_LT(length(to_double(y.host()[i]) - expected), 2e-6) << i;
+  }
+}
+
+TEST(LatticeMap, TurnsBetweenTetSpaceAndLocalSpace) {
+  const auto serial = knead::make_serial_executor(), two = knead::make_cpu_executor(2);
+  const fixture::Scene scene = fixture::ball(0.3, 2, *serial);
+  fixture::Scene turned = scene;
+  turned.lattice.to_local.rotation = knead::rotation_about({1, -2, 0.5}, 70).matrix();
+  knead::Similarity turn, back;
+  turn.rotation = turned.lattice.to_local.rotation;
+  back = turn.inverse();
+  const std::vector<Vec3f> d = displacements_for_map(scene);
+  const Buffer<Vec3f> rest = scene.tets.rest, x = fixture::shaken(rest, 0.1f, 23);
+  for (const auto* executor : {&serial, &two}) {
+    const Buffer<Vec3f> plain = map_to_tets(**executor, Buffer<Vec3f>(d), rest, scene.lattice, {}), other = map_to_tets(**executor, Buffer<Vec3f>(d), rest, turned.lattice, {});
+    for (size_t j = 0; j < plain.size(); ++j) {
+      const Vec3d expected = to_double(rest.host()[j]) + back.rotate(to_double(plain.host()[j] - rest.host()[j]));
+      ASSERT_LT(length(to_double(other.host()[j]) - expected), 3e-6) << j;
+    }
+    const Buffer<Vec3f> y = map_to_surface(**executor, x, scene.lattice), z = map_to_surface(**executor, x, turned.lattice);
+    for (size_t i = 0; i < y.size(); ++i) {
+      const Vec3d home = to_double(scene.surface.points.host()[i]);
+      ASSERT_LT(length(to_double(z.host()[i]) - home - turn.rotate(to_double(y.host()[i]) - home)), 1e-6) << i;
+    }
+    const Buffer<Vec3f> same = map_to_surface(**executor, rest, turned.lattice);
+    EXPECT_EQ(std::memcmp(same.host().data(), scene.surface.points.host().data(), same.bytes()), 0);
+    const Buffer<Vec3f> still = map_to_tets(**executor, Buffer<Vec3f>(std::vector<Vec3f>(d.size(), Vec3f{0, 0, 0})), x, turned.lattice, {});
+    EXPECT_EQ(std::memcmp(still.host().data(), x.host().data(), still.bytes()), 0);
   }
 }
 
