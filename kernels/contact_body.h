@@ -1,6 +1,6 @@
 // One contact sample of the equilibrium's energy (method.md 4): kc/2 a min(0, phi - lambda)^2 for every collider, and its gradient. A sample is a
-// point of M that rides in H: y = y_rest + sum w u, all in tet space. Each collider is a constraint of its own with its own memory lambda, so that a vertex
-// between two is held by both.
+// point of M that rides in H: y = y_rest + sum w u, all in tet space. Each collider is a constraint of its own with its own memory lambda, so that a
+// vertex between two is held by both.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -44,7 +44,8 @@ struct Gather {
   const uint32_t *slot_offsets, *slots;
   const Row4* u;
   const float *hold, *free;
-  const Row4* contact;  // by sample; null when nothing pushes
+  const Row4* pushes;   // by place
+  const Row4* contact;  // by vertex of M, in addition; may be null
   const uint32_t *back_offsets, *back_samples;
   const float* back_weights;
   Row4* gradient;
@@ -58,7 +59,7 @@ struct Gather {
     for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) sum += *reinterpret_cast<const Pack<4>*>(forces + slots[e]);
     const Pack<4> at = *reinterpret_cast<const Pack<4>*>(u + p);
     sum += at * hold[p];
-    Pack<4> push{};
+    Pack<4> push = *reinterpret_cast<const Pack<4>*>(pushes + p);
     if (contact)
       for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e)
         push += *reinterpret_cast<const Pack<4>*>(contact + back_samples[e]) * back_weights[e];
@@ -153,17 +154,9 @@ class Solver {
 
   void gather(Rows& u, Rows& gradient, Evaluation& at) {
     const SampleTable& s = rest_.samples;
-    const Gather body{forces_.data(),
-                      rest_.slot_offsets.data(),
-                      rest_.slots.data(),
-                      u.data(),
-                      rest_.hold.data(),
-                      rest_.free.data(),
-                      contacts_.forces(),
-                      s.back_offsets.data(),
-                      s.back_samples.data(),
-                      s.back_weights.data(),
-                      gradient.data()};
+    const Gather body{forces_.data(),        rest_.slot_offsets.data(), rest_.slots.data(),    u.data(),
+                      rest_.hold.data(),     rest_.free.data(),         contacts_.pushes(),    contacts_.forces(),
+                      s.back_offsets.data(), s.back_samples.data(),     s.back_weights.data(), gradient.data()};
     const Gather::Sum sum =
         parallel_reduce(executor_, rest_.places, "gather_forces", Gather::Sum{}, body, [](const Gather::Sum& a, const Gather::Sum& b) {
           return Gather::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
@@ -346,8 +339,8 @@ class Solver {
       std::swap(gradient_, trial_gradient_);
       now = next;
       const double change = now.contact.change / rest_.diagonal;
-      const bool settled =
-          !contacts_.by_entries() && std::abs(contacts_.volume_error()) <= kVolume && relative(now) <= settings_.gradient && figures_.step <= settings_.displacement;
+      const bool settled = !contacts_.by_entries() && std::abs(contacts_.volume_error()) <= kVolume && relative(now) <= settings_.gradient &&
+                           figures_.step <= settings_.displacement;
       if (settled && change <= settings_.penetration) {
         figures_.ended = "rest";
         return;

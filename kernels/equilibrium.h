@@ -21,8 +21,8 @@ struct EquilibriumMaterial {
   const Buffer<float>* volume_weights = nullptr;
   const Buffer<float>* hold_weights = nullptr;
   const Buffer<float>* pins = nullptr;
-  bool keep_volume = true;  // M as a whole keeps the volume that it encloses
-  int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
+  bool keep_volume = true;    // M as a whole keeps the volume that it encloses
+  int contact_samples = 0;    // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
   double memory_limit = 4e9;  // bytes for the factor
   std::function<void()> check_cancelled;
   void check() const {

@@ -9,10 +9,10 @@
 namespace knead {
 namespace {
 
-constexpr float kSkin = 3;       // cells: samples as near as this to a collider are listed
-constexpr double kBulk = 10;     // stiffness of the enclosed volume over the body's own; the memory does the rest
+constexpr float kSkin = 3;          // cells: samples as near as this to a collider are listed
+constexpr double kBulk = 10;        // stiffness of the enclosed volume over the body's own; the memory does the rest
 constexpr size_t kFewSamples = 64;  // per piece: a sample in contact costs a look at 27 voxels
-constexpr double kOneSide = 0.3;  // of their area: how far the samples inside a collider must agree on the way in
+constexpr double kOneSide = 0.3;    // of their area: how far the samples inside a collider must agree on the way in
 
 }  // namespace
 
@@ -21,8 +21,9 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
     : executor_(executor),
       rest_(rest),
       force_(rest.samples.size() + 1),
-      now_(rest.samples.size() + 1),
-      volume_gradient_(rest.samples.size() + 1),
+      push_(rest.rows),
+      now_(rest.samples.vertices + 1),
+      volume_gradient_(rest.samples.vertices + 1),
       memory_(colliders.size() * rest.samples.size() + 1),
       distance_(memory_.size()),
       slack_(rest.samples.size(), 0.0f),
@@ -35,6 +36,7 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   list_.reserve(s.size());
   std::fill_n(memory_.data_for_write(), memory_.size(), 0.0f);
   std::fill_n(force_.data_for_write(), force_.size(), Row4{0, 0, 0, 0});
+  std::fill_n(push_.data_for_write(), push_.size(), Row4{0, 0, 0, 0});
   body_.offsets = s.offsets.data();
   body_.indices = s.indices.data();
   body_.weights = s.weights.data();
@@ -66,8 +68,26 @@ ContactSum EquilibriumContacts::evaluate(const Row4* u, float travelled) {
       },
       kFewSamples);
   if (keeps_volume()) sum.energy += add_volume();
-  pushing_ = sum.active || keeps_volume();
+  spread();
   return sum;
+}
+
+// Few samples push: their forces go to H's vertices one after the other.
+void EquilibriumContacts::spread() {
+  Row4* push = push_.data_for_write();
+  for (const uint32_t p : pushed_) push[p] = {0, 0, 0, 0};
+  pushed_.clear();
+  const SampleTable& s = rest_.samples;
+  const Row4* force = force_.host().data();
+  const uint32_t first = keeps_volume() ? s.vertices : 0;  // with the volume all vertices push
+  for (const uint32_t i : list_) {
+    if (i < first || (force[i].x == 0 && force[i].y == 0 && force[i].z == 0)) continue;
+    for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e) {
+      const uint32_t p = s.indices[e];
+      push[p] = to_row(to_vec(push[p]) + s.weights[e] * to_vec(force[i]));
+      pushed_.push_back(p);
+    }
+  }
 }
 
 void EquilibriumContacts::list_samples(const Row4* u) {
@@ -141,7 +161,7 @@ void EquilibriumContacts::add_to(std::span<float> diagonal, float share) const {
 
 // kb/2 V0 (V/V0 - 1 + memory)^2 for M as a whole: its gradient goes to the samples' forces.
 double EquilibriumContacts::add_volume() {
-  const uint32_t n = static_cast<uint32_t>(rest_.fan_offsets.size() - 1);
+  const uint32_t n = rest_.samples.vertices;
   parallel_for(executor_, n, "vertex_places", VertexPlaces{body_, now_.data_for_write()});
   const VolumeGradient body{now_.data_for_write(), rest_.fan_offsets.data(), rest_.fans.data(), volume_gradient_.data_for_write()};
   const double volume = reduce_sum(executor_, n, "enclosed_volume", body);
@@ -155,16 +175,16 @@ double EquilibriumContacts::add_volume() {
   return 0.5 * stiffness * std::abs(rest_volume_) * error * error;
 }
 
-double EquilibriumContacts::volume_compliance() const { return std::abs(rest_volume_) / (kBulk * (1 + rest_.bulk)); }
+double EquilibriumContacts::volume_compliance() const {
+  return std::abs(rest_volume_) / (kBulk * (1 + rest_.bulk));
+}
 
 void EquilibriumContacts::volume_gradient(Row4* by_place) const {
   const SampleTable& s = rest_.samples;
-  const uint32_t vertices = static_cast<uint32_t>(rest_.fan_offsets.size() - 1);
   const Row4* gradient = volume_gradient_.host().data();
   for (uint32_t p = 0; p < rest_.places; ++p) {
     Vec3f sum{0, 0, 0};
-    for (uint32_t e = s.back_offsets[p]; e < s.back_offsets[p + 1]; ++e)
-      if (s.back_samples[e] < vertices) sum += s.back_weights[e] * to_vec(gradient[s.back_samples[e]]);
+    for (uint32_t e = s.back_offsets[p]; e < s.back_offsets[p + 1]; ++e) sum += s.back_weights[e] * to_vec(gradient[s.back_samples[e]]);
     by_place[p] = to_row(rest_.free[p] * sum);
   }
 }

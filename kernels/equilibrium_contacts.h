@@ -17,7 +17,9 @@ class EquilibriumContacts {
 
   // Energy and forces with H displaced by u. `travelled`: how far any vertex of H has gone since the last call of list_samples, or more.
   ContactSum evaluate(const Row4* u, float travelled);
-  const Row4* forces() const { return pushing_ ? force_.host().data() : nullptr; }  // by sample; null when nothing pushes
+  const Row4* pushes() const { return push_.host().data(); }  // by place: the samples' forces
+  // By vertex of M, to be added to that: what acts on all of them at once. Null when nothing does.
+  const Row4* forces() const { return keeps_volume() ? force_.host().data() : nullptr; }
 
   // Finds the samples that may come in contact before H has travelled skin().
   void list_samples(const Row4* u);
@@ -45,17 +47,17 @@ class EquilibriumContacts {
 
  private:
   double add_volume();
+  void spread();
   size_t samples() const { return rest_.samples.size(); }
 
   Executor& executor_;
   const EquilibriumRest& rest_;
   ContactEnergy body_{};
-  Buffer<Row4> force_, now_, volume_gradient_;
+  Buffer<Row4> force_, push_, now_, volume_gradient_;
   Buffer<float> memory_, distance_;
   std::vector<float> slack_, exits_;
-  std::vector<uint32_t> list_;
+  std::vector<uint32_t> list_, pushed_;  // samples that may push; places that are pushed
   float skin_;
-  bool pushing_ = false;
   double rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0;
 };
 

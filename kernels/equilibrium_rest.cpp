@@ -171,7 +171,8 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
 
 [[noreturn]] void throw_too_large(const RestFigures& figures, double limit) {
   char text[200];
-  std::snprintf(text, sizeof text, "equilibrium: the factor of H's %zu vertices would take %.2g GB and %.2g floating-point operations; the limit is %.2g GB",
+  std::snprintf(text, sizeof text,
+                "equilibrium: the factor of H's %zu vertices would take %.2g GB and %.2g floating-point operations; the limit is %.2g GB",
                 figures.vertices, figures.factor_bytes * 1e-9, figures.factor_flops, limit * 1e-9);
   throw Error(ErrorCode::kMemory, text, "build a coarser H (build_tets: lower max_depth or min_depth), or raise memory_limit");
 }

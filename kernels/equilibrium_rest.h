@@ -8,8 +8,9 @@
 
 namespace knead {
 
-// Points of M that are kept outside the colliders, as combinations of H's vertices; and the other way round.
+// Points of M that are kept outside the colliders, M's vertices first, as combinations of H's vertices; and the other way round for the vertices.
 struct SampleTable {
+  uint32_t vertices = 0;
   std::vector<uint32_t> offsets, indices;  // by sample
   std::vector<float> weights;
   std::vector<Vec3f> rest;                           // tet space
@@ -39,9 +40,9 @@ class EquilibriumRest {
   double bulk = 0;                          // Lame's first parameter over the body, for the enclosed volume
   double diagonal = 0;                      // of M, cells
   Similarity to_local;                      // tet space to M's local space
-  double contact_scale = 1;                // kc of `contact` = 1, per cell
-  std::vector<float> metric_diagonal;      // P's, by place
-  std::unique_ptr<SparseCholesky> factor;  // of P without contacts
+  double contact_scale = 1;                 // kc of `contact` = 1, per cell
+  std::vector<float> metric_diagonal;       // P's, by place
+  std::unique_ptr<SparseCholesky> factor;   // of P without contacts
   RestFigures figures;
 };
 

@@ -27,15 +27,16 @@ std::vector<OnTriangle> points_within(const std::array<uint32_t, 3>& v, int step
   return found;
 }
 
-// The other way round: the samples that a vertex of H moves.
+// The other way round: the vertices of M that a vertex of H moves.
 void turn_round(SampleTable& table, size_t places) {
   table.back_offsets.assign(places + 1, 0);
-  for (const uint32_t p : table.indices) ++table.back_offsets[p + 1];
+  const uint32_t entries = table.offsets[table.vertices];
+  for (uint32_t e = 0; e < entries; ++e) ++table.back_offsets[table.indices[e] + 1];
   for (size_t p = 0; p < places; ++p) table.back_offsets[p + 1] += table.back_offsets[p];
-  table.back_samples.resize(table.indices.size());
-  table.back_weights.resize(table.indices.size());
+  table.back_samples.resize(entries);
+  table.back_weights.resize(entries);
   std::vector<uint32_t> cursor(table.back_offsets.begin(), table.back_offsets.end() - 1);
-  for (uint32_t s = 0; s + 1 < table.offsets.size(); ++s)
+  for (uint32_t s = 0; s < table.vertices; ++s)
     for (uint32_t e = table.offsets[s]; e < table.offsets[s + 1]; ++e) {
       const uint32_t at = cursor[table.indices[e]]++;
       table.back_samples[at] = s;
@@ -98,6 +99,7 @@ SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& pl
   };
   for (uint32_t i = 0; i < n; ++i) add({{{i, 1.0}, {i, 0.0}, {i, 0.0}}}, i);
   for (size_t s = 0; s < inner.size(); ++s) add(inner[s], n + s);
+  table.vertices = n;
   turn_round(table, place.size());
   return table;
 }

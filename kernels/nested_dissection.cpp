@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::array<double, 5> kCuts{0.5, 0.44, 0.56, 0.38, 0.62};  // tried along each axis, as shares of the vertices
 constexpr size_t kManyVertices = 20000;                              // above this only the middle cuts are tried
-constexpr size_t kWorthAsking = 1000;                                 // vertices: parts above this ask whether to go on
+constexpr size_t kWorthAsking = 1000;                                // vertices: parts above this ask whether to go on
 
 class Dissector {
  public:

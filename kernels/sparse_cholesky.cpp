@@ -9,11 +9,11 @@
 namespace knead {
 namespace {
 
-constexpr uint32_t kAskEvery = 256;  // fronts between two questions whether to go on
-constexpr size_t kLargeFront = 100000;       // entries: a front above this asks by itself
-constexpr size_t kKeptStorage = 4u << 20;    // floats that a thread keeps for its next front
-constexpr size_t kParts = 8;                 // subtrees that are solved at once
-constexpr double kWorthParting = 50000;      // entries of a subtree
+constexpr uint32_t kAskEvery = 256;        // fronts between two questions whether to go on
+constexpr size_t kLargeFront = 100000;     // entries: a front above this asks by itself
+constexpr size_t kKeptStorage = 4u << 20;  // floats that a thread keeps for its next front
+constexpr size_t kParts = 8;               // subtrees that are solved at once
+constexpr double kWorthParting = 50000;    // entries of a subtree
 
 }  // namespace
 

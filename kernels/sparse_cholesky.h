@@ -90,8 +90,8 @@ class SparseCholesky {
   std::shared_ptr<const FactorPlan> plan_;
   std::vector<float> diagonal_;
   std::vector<Buffer<float>> updates_;  // by front: what it hands to its parent, by columns of full height
-  Buffer<float> values_, shared_;        // of the panels made here, and those of the factor before
-  std::vector<float*> panel_values_;     // where a panel's entries are
+  Buffer<float> values_, shared_;       // of the panels made here, and those of the factor before
+  std::vector<float*> panel_values_;    // where a panel's entries are
 };
 
 }  // namespace knead
