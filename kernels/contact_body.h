@@ -1,6 +1,6 @@
 // One contact sample of the equilibrium's energy (method.md 4): kc/2 a min(0, phi - lambda)^2 for every collider, and its gradient. A sample is a
-// point of M that rides in H: y = y_rest + cell * sum w u. Each collider is a constraint of its own with its own memory lambda, so that a vertex
-// between two is held by both.
+// point of M that rides in H: y = y_rest + sum w u, all in tet space. Each collider is a constraint of its own with its own memory lambda, so that a
+// vertex between two is held by both.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -22,19 +22,20 @@ struct ContactEnergy {
   const uint32_t* offsets;  // [samples + 1] into indices and weights
   const uint32_t* indices;  // vertices of H
   const float* weights;
-  const Vec3f* rest;    // y_rest, M's local units
+  const Vec3f* rest;    // y_rest, cells
   const float* area;    // cells^2
   const float* memory;  // [colliders][samples] lambda, cells
   float* distance;      // [colliders][samples] phi - margin, cells; kFar where it cannot matter
   const float*
       exits;    // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
   Row4* force;  // [samples] gradient by the sample's place
-  const uint32_t* list;         // the samples that may be in contact
+  const uint32_t* list;         // the samples that may come in contact
+  const float* slack;           // [samples] how far they may move until then, cells
+  float travelled;              // how far H has moved at most since the list was made, cells
   Vec3f entry[kMostColliders];  // unit, the way a collider came in
   ColliderView colliders[kMostColliders];
   uint32_t count;
   uint32_t samples;
-  float to_local;   // cells to M's local units
   float margin;     // cells
   float stiffness;  // kc, per cell
 
@@ -46,27 +47,34 @@ struct ContactEnergy {
     return move;
   }
 
-  // Whether sample s is nearer than `reach` (cells) to a contact, to be on the safe side.
-  KNEAD_HD bool near(uint32_t s, float reach) const {
-    const Vec3f y = rest[s] + to_local * moved(s);
+  // How far sample s may move without a push by any collider, to be on the safe side, cells; at most `skin`, which is within the colliders' bands.
+  KNEAD_HD float room(uint32_t s, float skin) const {
+    const Vec3f y = rest[s] + moved(s);
+    float least = skin;
     for (uint32_t k = 0; k < count; ++k) {
       const size_t at = static_cast<size_t>(k) * samples + s;
-      if (exits && exits[at] >= 0) return true;
+      if (exits && exits[at] >= 0) return 0;
       SdfSampler sampler(colliders[k].sdf);
-      if (sampler.reaches(CollidePush::to_index(colliders[k], y), (memory[at] + margin + reach) * to_local / colliders[k].scale)) return true;
+      const float room = sampler.least(CollidePush::to_index(colliders[k], y)) * colliders[k].scale - margin - memory[at];
+      least = room < least ? room : least;
     }
-    return false;
+    return least > 0 ? least : 0.0f;
   }
 
   KNEAD_HD ContactSum operator()(uint32_t place) const {
     const uint32_t s = list[place];
-    const Vec3f move = moved(s), y = rest[s] + to_local * move;
     ContactSum sum;
+    if (slack[s] > travelled) {
+      force[s] = {0, 0, 0, 0};
+      for (uint32_t k = 0; k < count; ++k) distance[static_cast<size_t>(k) * samples + s] = kFar;
+      return sum;
+    }
+    const Vec3f move = moved(s), y = rest[s] + move;
     Vec3f push{0, 0, 0};
     for (uint32_t k = 0; k < count; ++k) {
       const ColliderView& c = colliders[k];
       const size_t at = static_cast<size_t>(k) * samples + s;
-      const float lambda = memory[at], to_cells = c.scale / to_local;
+      const float lambda = memory[at], to_cells = c.scale;
       float phi = kFar;
       SdfSampler sampler(c.sdf);
       const Vec3f p = CollidePush::to_index(c, y);
@@ -101,7 +109,7 @@ struct ContactExit {
 
   KNEAD_HD void operator()(uint32_t s) const {
     const ColliderView& c = contact.colliders[collider];
-    const float to_cells = c.scale / contact.to_local, least = 0.02f * c.sdf.voxel * to_cells;
+    const float to_cells = c.scale, least = 0.02f * c.sdf.voxel * to_cells;
     SdfSampler sampler(c.sdf);
     Vec3f y = contact.rest[s];
     float gone = 0;
@@ -110,7 +118,7 @@ struct ContactExit {
       if (phi >= 0) break;
       const float along = -phi > least ? -phi : least;
       gone += along;
-      y += (along * contact.to_local) * contact.entry[collider];
+      y += along * contact.entry[collider];
     }
     exits[s] = gone > 0 ? gone : -1.0f;
   }
@@ -121,7 +129,7 @@ struct VertexPlaces {
   ContactEnergy contact;
   Row4* now;  // [vertices] cells
 
-  KNEAD_HD void operator()(uint32_t v) const { now[v] = to_row((1 / contact.to_local) * contact.rest[v] + contact.moved(v)); }
+  KNEAD_HD void operator()(uint32_t v) const { now[v] = to_row(contact.rest[v] + contact.moved(v)); }
 };
 
 // The volume that M encloses, as a function of its vertices: 6 V = sum over triangles of a . (b x c). A vertex's part of the gradient.
@@ -138,6 +146,20 @@ struct VolumeGradient {
     sum = sum * (1.0f / 6);
     gradient[v] = to_row(sum);
     return static_cast<double>(dot(sum, to_vec(now[v]))) / 3;
+  }
+};
+
+// Adds the enclosed volume's push to a vertex's own.
+struct VolumePush {
+  const Row4* gradient;
+  float push;
+  const float* slack;
+  float skin;  // from there on a vertex has no push of its own
+  Row4* force;
+
+  KNEAD_HD void operator()(uint32_t v) const {
+    const Vec3f own = slack[v] < skin ? to_vec(force[v]) : Vec3f{0, 0, 0};
+    force[v] = to_row(own + push * to_vec(gradient[v]));
   }
 };
 

@@ -29,11 +29,11 @@ ElasticSum elastic(const ElasticTets& body, uint32_t begin, uint32_t end) {
 }
 
 void solve_forward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x) {
-  for (uint32_t p = begin; p < end; ++p) PanelSolve<F>::forward(factor, factor.panels[p], x);
+  for (uint32_t p = begin; p < end; ++p) PanelSolve<F>::forward(factor, p, x);
 }
 
 void solve_backward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x, float* scratch) {
-  for (uint32_t p = end; p > begin; --p) PanelSolve<F>::backward(factor, factor.panels[p - 1], x, scratch);
+  for (uint32_t p = end; p > begin; --p) PanelSolve<F>::backward(factor, p - 1, x, scratch);
 }
 
 double dot(const float* a, const float* b, size_t n) {

@@ -21,17 +21,24 @@ struct EquilibriumMaterial {
   const Buffer<float>* volume_weights = nullptr;
   const Buffer<float>* hold_weights = nullptr;
   const Buffer<float>* pins = nullptr;
-  bool keep_volume = true;  // M as a whole keeps the volume that it encloses
-  int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
+  bool keep_volume = true;    // M as a whole keeps the volume that it encloses
+  int contact_samples = 0;    // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
+  double memory_limit = 4e9;  // bytes for the factor
+  std::function<void()> check_cancelled;
+  void check() const {
+    if (check_cancelled) check_cancelled();
+  }
 };
 
-// Tables and the factor: made once, shared by all frames and threads.
+// Tables and the factor: made once, shared by all frames and threads. Throws Error(kMemory), before it starts, when the factor would need more than
+// the limit; Error(kInput) for paint that is no number or does not fit.
 class EquilibriumRest;
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
                                                            const EquilibriumMaterial& material);
 
 struct RestFigures {
   size_t vertices = 0, tets = 0, factor_values = 0, samples = 0;
+  double factor_bytes = 0, factor_flops = 0;  // the factor and what it keeps for a frame's own
   double order_seconds = 0, factor_seconds = 0, seconds = 0;
 };
 const RestFigures& figures_of(const EquilibriumRest& rest);

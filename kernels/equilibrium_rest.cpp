@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <numeric>
 
@@ -18,6 +19,7 @@ namespace knead {
 namespace {
 
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
+constexpr double kLeastVolume = 1e-5;  // of the diagonal's cube: a surface that encloses less has no volume to keep
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -62,12 +64,18 @@ std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const
   return {on_tets.host().begin(), on_tets.host().end()};
 }
 
-// P's entries: mean of the three diagonal entries of the elastic Hessian's blocks at rest, which is a multiple of the Laplacian per tet.
+// P's entries: the elastic Hessian at rest, each tet's part taken as a multiple of its Laplacian.
 void add_stiffness(const Assembly& a, const std::vector<uint32_t>& place, std::vector<std::array<uint32_t, 2>>& edges, std::vector<double>& entries,
                    std::vector<double>& diagonal) {
-  std::map<std::array<uint32_t, 2>, double> sums;
   const auto tets = a.tets.tets.host();
   const auto volumes = a.tets.rest_volumes.host();
+  std::vector<size_t> begin(place.size() + 1, 0);  // by lower place: the tets' parts of its entries
+  for (const auto& t : tets)
+    for (int i = 0; i < 4; ++i)
+      for (int j = i + 1; j < 4; ++j) ++begin[std::min(place[t[i]], place[t[j]]) + 1];
+  for (size_t p = 0; p < place.size(); ++p) begin[p + 1] += begin[p];
+  std::vector<std::pair<uint32_t, double>> parts(begin.back());
+  std::vector<size_t> cursor(begin.begin(), begin.end() - 1);
   for (size_t t = 0; t < tets.size(); ++t) {
     const auto g = shape_gradients(a.edges(tets[t]));
     const std::array<Vec3d, 4> n{-(g[0] + g[1] + g[2]), g[0], g[1], g[2]};
@@ -75,105 +83,23 @@ void add_stiffness(const Assembly& a, const std::vector<uint32_t>& place, std::v
     for (int i = 0; i < 4; ++i) {
       diagonal[place[tets[t][i]]] += weight * dot(n[i], n[i]);
       for (int j = i + 1; j < 4; ++j) {
-        const uint32_t p = place[tets[t][i]], q = place[tets[t][j]];
-        sums[{std::min(p, q), std::max(p, q)}] += weight * dot(n[i], n[j]);
+        const auto [p, q] = std::minmax(place[tets[t][i]], place[tets[t][j]]);
+        parts[cursor[p]++] = {q, weight * dot(n[i], n[j])};
       }
     }
   }
-  for (const auto& [edge, value] : sums) {
-    edges.push_back(edge);
-    entries.push_back(value);
+  a.material.check();
+  for (uint32_t p = 0; p < place.size(); ++p) {
+    const auto first = parts.begin() + static_cast<ptrdiff_t>(begin[p]), last = parts.begin() + static_cast<ptrdiff_t>(begin[p + 1]);
+    std::stable_sort(first, last, [](const auto& x, const auto& y) { return x.first < y.first; });
+    for (auto part = first; part != last; ++part) {
+      if (part == first || part->first != edges.back()[1]) edges.push_back({p, part->first}), entries.push_back(0);
+      entries.back() += part->second;
+    }
   }
 }
 
-// Areas of M's vertices or samples, cells^2; a triangle shares its area out evenly.
-void make_samples(const Assembly& a, const std::vector<uint32_t>& place, SampleTable& table) {
-  const Lattice& lattice = a.lattice;
-  const auto points = lattice.rest.points.host();
-  const uint32_t n = static_cast<uint32_t>(points.size());
-  const auto rows = neighbours_by_vertex(lattice.map, n);
-  const double to_cells = 1 / lattice.to_local.scale;
-  std::vector<uint32_t> triangles;
-  if (lattice.rest.topology) triangles = lattice.rest.topology->triangles;
-  std::vector<std::array<std::pair<uint32_t, double>, 3>> inner;  // samples inside triangles
-  std::vector<double> area(n, 0);
-  std::vector<Vec3d> outward(n, Vec3d{0, 0, 0});
-  double enclosed = 0;
-  for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
-    const Vec3d o = to_double(points[triangles[0]]), p = to_double(points[triangles[t]]) - o, q = to_double(points[triangles[t + 1]]) - o,
-                r = to_double(points[triangles[t + 2]]) - o;
-    enclosed += dot(p, cross(q, r));
-  }
-  const double side = enclosed < 0 ? -0.5 : 0.5;
-  const int steps = a.material.contact_samples;
-  for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
-    const std::array<uint32_t, 3> v{triangles[t], triangles[t + 1], triangles[t + 2]};
-    const Vec3d p = to_double(points[v[0]]);
-    const Vec3d facing = (side * to_cells * to_cells) * cross(to_double(points[v[1]]) - p, to_double(points[v[2]]) - p);
-    const double size = length(facing);
-    std::vector<std::array<std::pair<uint32_t, double>, 3>> here;
-    for (int i = 0; i <= steps && steps >= 2; ++i)
-      for (int j = 0; i + j <= steps; ++j) {
-        const int k = steps - i - j;
-        if (i == steps || j == steps || k == steps) continue;
-        // A point on an edge belongs to the triangle that has the edge in rising order of its ends, so that it is there once (twice on a border).
-        if ((k == 0 && v[0] > v[1]) || (i == 0 && v[1] > v[2]) || (j == 0 && v[2] > v[0])) continue;
-        here.push_back({{{v[0], static_cast<double>(i) / steps}, {v[1], static_cast<double>(j) / steps}, {v[2], static_cast<double>(k) / steps}}});
-      }
-    const double share = size / static_cast<double>(3 + here.size());
-    const Vec3d facing_share = (1 / static_cast<double>(3 + here.size())) * facing;
-    for (const uint32_t c : v) area[c] += share, outward[c] += facing_share;
-    for (const auto& s : here) {
-      inner.push_back(s);
-      area.push_back(share);
-      outward.push_back(facing_share);
-    }
-  }
-  const double total = std::accumulate(area.begin(), area.end(), 0.0);
-  const double least = 1e-3 * total / static_cast<double>(std::max<size_t>(1, area.size()));  // for corners of slivers
-  table.offsets.push_back(0);
-  for (const Vec3d& v : outward) table.outward.push_back(to_float(v));
-  const auto finish = [&](std::map<uint32_t, double>& row, const Vec3d& at, double size) {
-    for (const auto& [p, w] : row) {
-      table.indices.push_back(p);
-      table.weights.push_back(static_cast<float>(w));
-    }
-    table.offsets.push_back(static_cast<uint32_t>(table.indices.size()));
-    table.rest.push_back(to_float(at));
-    table.area.push_back(static_cast<float>(std::max(size, least)));
-  };
-  for (uint32_t i = 0; i < n; ++i) {
-    std::map<uint32_t, double> row;
-    for (const Neighbour& e : rows[i])
-      if (e.value != 0) row[place[e.indices[0]]] += e.value;
-    finish(row, to_double(points[i]), area[i]);
-  }
-  for (size_t s = 0; s < inner.size(); ++s) {
-    std::map<uint32_t, double> row;
-    Vec3d at{0, 0, 0};
-    for (const auto& [v, b] : inner[s]) {
-      if (b == 0) continue;
-      at += b * to_double(points[v]);
-      for (const Neighbour& e : rows[v])
-        if (e.value != 0) row[place[e.indices[0]]] += b * e.value;
-    }
-    finish(row, at, area[n + s]);
-  }
-  table.back_offsets.assign(place.size() + 1, 0);
-  for (const uint32_t p : table.indices) ++table.back_offsets[p + 1];
-  for (size_t p = 0; p < place.size(); ++p) table.back_offsets[p + 1] += table.back_offsets[p];
-  table.back_samples.resize(table.indices.size());
-  table.back_weights.resize(table.indices.size());
-  std::vector<uint32_t> cursor(table.back_offsets.begin(), table.back_offsets.end() - 1);
-  for (uint32_t s = 0; s + 1 < table.offsets.size(); ++s)
-    for (uint32_t e = table.offsets[s]; e < table.offsets[s + 1]; ++e) {
-      const uint32_t at = cursor[table.indices[e]]++;
-      table.back_samples[at] = s;
-      table.back_weights[at] = table.weights[e];
-    }
-}
-
-// The triangles round each vertex of M, when they enclose a volume: every directed edge has its opposite.
+// The triangles round each vertex of M, when they enclose a volume worth the name: every directed edge has its opposite.
 void make_fans(const Lattice& lattice, EquilibriumRest& rest) {
   if (!lattice.rest.topology) return;
   const std::vector<uint32_t>& triangles = lattice.rest.topology->triangles;
@@ -183,6 +109,13 @@ void make_fans(const Lattice& lattice, EquilibriumRest& rest) {
     edges[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
   }
   if (triangles.empty() || std::any_of(edges.begin(), edges.end(), [](const auto& e) { return e.second != 0; })) return;
+  double enclosed = 0;
+  const auto points = lattice.rest.points.host();
+  for (size_t c = 0; c + 2 < triangles.size(); c += 3) {
+    const Vec3d o = to_double(points[triangles[0]]), p = to_double(points[triangles[c]]) - o, q = to_double(points[triangles[c + 1]]) - o;
+    enclosed += dot(p, cross(q, to_double(points[triangles[c + 2]]) - o)) / 6;
+  }
+  if (!(std::abs(enclosed) > kLeastVolume * std::pow(lattice.rest.diagonal(), 3))) return;
   rest.fan_offsets.assign(lattice.rest.vertices() + 1, 0);
   for (const uint32_t v : triangles) ++rest.fan_offsets[v + 1];
   for (size_t v = 0; v + 1 < rest.fan_offsets.size(); ++v) rest.fan_offsets[v + 1] += rest.fan_offsets[v];
@@ -236,6 +169,14 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
     for (size_t c = 0; c < 4; ++c) rest.slots[cursor[corners[c * rest.stride + k]]++] = static_cast<uint32_t>(c * rest.stride + k);
 }
 
+[[noreturn]] void throw_too_large(const RestFigures& figures, double limit) {
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "equilibrium: the factor of H's %zu vertices would take %.2g GB and %.2g floating-point operations; the limit is %.2g GB",
+                figures.vertices, figures.factor_bytes * 1e-9, figures.factor_flops, limit * 1e-9);
+  throw Error(ErrorCode::kMemory, text, "build a coarser H (build_tets: lower max_depth or min_depth), or raise memory_limit");
+}
+
 }  // namespace
 
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
@@ -250,7 +191,7 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.places = n;
   rest.rows = (n + 15) / 16 * 16;
   rest.rest = tets.rest;
-  rest.to_local = lattice.to_local.scale;
+  rest.to_local = lattice.to_local;
   rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
 
   Assembly a{tets,
@@ -266,13 +207,15 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
     for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
 
   constexpr uint32_t kLeaf = 16;
-  const Dissection dissection = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf);
+  const Dissection dissection = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf, material.check_cancelled);
   rest.figures.order_seconds = seconds_since(start);
   rest.vertex_at = dissection.order;
   std::vector<uint32_t> place(n);
   for (uint32_t p = 0; p < n; ++p) place[dissection.order[p]] = p;
   make_tet_tables(a, place, rest);
-  make_samples(a, place, rest.samples);
+  material.check();
+  rest.samples = make_samples(lattice, place, material.contact_samples);
+  material.check();
 
   rest.hold.resize(n);
   rest.free.assign(n, 1);
@@ -301,13 +244,17 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
     if (rest.free[edges[e][0]] == 0 || rest.free[edges[e][1]] == 0) entries[e] = 0;
   const auto before_factor = std::chrono::steady_clock::now();
   rest.metric_diagonal.assign(diagonal.begin(), diagonal.end());
-  const auto plan = std::make_shared<const FactorPlan>(dissection, std::move(edges), std::vector<float>(entries.begin(), entries.end()));
-  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, rest.metric_diagonal);
-  rest.figures.factor_seconds = seconds_since(before_factor);
+  const auto plan =
+      std::make_shared<const FactorPlan>(dissection, std::move(edges), std::vector<float>(entries.begin(), entries.end()), material.check_cancelled);
   rest.figures.vertices = n;
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
   rest.figures.factor_values = plan->stored_values();
+  rest.figures.factor_bytes = plan->bytes();
+  rest.figures.factor_flops = plan->flops();
+  if (plan->bytes() > material.memory_limit) throw_too_large(rest.figures, material.memory_limit);
+  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, rest.metric_diagonal, material.check_cancelled);
+  rest.figures.factor_seconds = seconds_since(before_factor);
   rest.figures.seconds = seconds_since(start);
   return made;
 }

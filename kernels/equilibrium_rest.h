@@ -8,11 +8,12 @@
 
 namespace knead {
 
-// Points of M that are kept outside the colliders, as combinations of H's vertices; and the other way round.
+// Points of M that are kept outside the colliders, M's vertices first, as combinations of H's vertices; and the other way round for the vertices.
 struct SampleTable {
+  uint32_t vertices = 0;
   std::vector<uint32_t> offsets, indices;  // by sample
   std::vector<float> weights;
-  std::vector<Vec3f> rest;                           // M's local units
+  std::vector<Vec3f> rest;                           // tet space
   std::vector<float> area;                           // cells^2
   std::vector<Vec3f> outward;                        // area vectors at rest, out of the body, cells^2
   std::vector<uint32_t> back_offsets, back_samples;  // by place
@@ -38,11 +39,14 @@ class EquilibriumRest {
   std::vector<uint32_t> fan_offsets, fans;  // by vertex of M: the other two corners of its triangles; empty for an open surface
   double bulk = 0;                          // Lame's first parameter over the body, for the enclosed volume
   double diagonal = 0;                      // of M, cells
-  double to_local = 1;
-  double contact_scale = 1;                // kc of `contact` = 1, per cell
-  std::vector<float> metric_diagonal;      // P's, by place
-  std::unique_ptr<SparseCholesky> factor;  // of P without contacts
+  Similarity to_local;                      // tet space to M's local space
+  double contact_scale = 1;                 // kc of `contact` = 1, per cell
+  std::vector<float> metric_diagonal;       // P's, by place
+  std::unique_ptr<SparseCholesky> factor;   // of P without contacts
   RestFigures figures;
 };
+
+// Samples of the surface that `lattice` binds, in places of the elimination order: `steps` subdivisions of a triangle's sides, below 2 vertices only.
+SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps);
 
 }  // namespace knead

@@ -20,14 +20,13 @@ struct Panel {
   uint32_t first = 0, width = 0;  // columns
   uint32_t rows = 0;              // first of its rows below, in FactorView::rows
   uint32_t row_count = 0;
-  size_t values = 0;  // first of its entries, in FactorView::values
   KNEAD_HD uint32_t blocks() const { return (width + row_count + kPanelBlock - 1) / kPanelBlock; }
 };
 
 struct FactorView {
   const Panel* panels;
   const uint32_t* rows;
-  const float* values;
+  const float* const* values;  // [panels] their entries
 };
 
 template <class F>
@@ -35,8 +34,9 @@ struct PanelSolve {
   using L = Lane<F>;
   static constexpr uint32_t kParts = kPanelBlock / L::kWidth;
 
-  static void forward(const FactorView& factor, const Panel& panel, Row4* x) {
-    const float* b = factor.values + panel.values;
+  static void forward(const FactorView& factor, uint32_t p, Row4* x) {
+    const Panel& panel = factor.panels[p];
+    const float* b = factor.values[p];
     Row4 in[kPanelWidth];
     for (uint32_t j = 0; j < panel.width; ++j) in[j] = x[panel.first + j];
     const uint32_t* rows = factor.rows + panel.rows;
@@ -92,7 +92,8 @@ struct PanelSolve {
   }
 
   // scratch: [3][height] floats.
-  static void backward(const FactorView& factor, const Panel& panel, Row4* x, float* scratch) {
+  static void backward(const FactorView& factor, uint32_t p, Row4* x, float* scratch) {
+    const Panel& panel = factor.panels[p];
     const uint32_t* rows = factor.rows + panel.rows;
     const uint32_t height = panel.blocks() * kPanelBlock;
     const auto put = [&](uint32_t i, float px, float py, float pz) {
@@ -106,7 +107,7 @@ struct PanelSolve {
       put(panel.width + i, -below.x, -below.y, -below.z);
     }
     for (uint32_t i = panel.width + panel.row_count; i < height; ++i) put(i, 0, 0, 0);
-    const float* b = factor.values + panel.values;
+    const float* b = factor.values[p];
     uint32_t j = 0;
     for (; j + 4 <= panel.width; j += 4) columns<4>(b, panel, scratch, height, j, x);
     for (; j < panel.width; ++j) columns<1>(b, panel, scratch, height, j, x);

@@ -9,11 +9,12 @@ namespace {
 
 constexpr std::array<double, 5> kCuts{0.5, 0.44, 0.56, 0.38, 0.62};  // tried along each axis, as shares of the vertices
 constexpr size_t kManyVertices = 20000;                              // above this only the middle cuts are tried
+constexpr size_t kWorthAsking = 1000;                                // vertices: parts above this ask whether to go on
 
 class Dissector {
  public:
-  Dissector(std::span<const Vec3f> points, std::span<const std::array<uint32_t, 2>> edges, uint32_t leaf)
-      : points_(points), leaf_(std::max(leaf, 1u)), first_(points.size() + 1, 0), part_(points.size(), 0) {
+  Dissector(std::span<const Vec3f> points, std::span<const std::array<uint32_t, 2>> edges, uint32_t leaf, const std::function<void()>& check)
+      : points_(points), check_(check), leaf_(std::max(leaf, 1u)), first_(points.size() + 1, 0), part_(points.size(), 0) {
     for (const auto& [a, b] : edges) ++first_[a + 1], ++first_[b + 1];
     for (size_t v = 0; v < points.size(); ++v) first_[v + 1] += first_[v];
     neighbours_.resize(first_.back());
@@ -42,6 +43,7 @@ class Dissector {
   // Emits the node of `vertices` after those of its parts; returns its number.
   uint32_t dissect(std::vector<uint32_t>& vertices) {
     if (vertices.size() <= leaf_) return emit(vertices);
+    if (check_ && vertices.size() > kWorthAsking) check_();
     const uint32_t part = ++parts_;
     for (const uint32_t v : vertices) part_[v] = part;
     const Cut cut = best_cut(vertices, part);
@@ -117,6 +119,7 @@ class Dissector {
   }
 
   std::span<const Vec3f> points_;
+  const std::function<void()>& check_;
   uint32_t leaf_, parts_ = 0;
   std::vector<uint32_t> first_, neighbours_, part_;
   Dissection result_;
@@ -124,8 +127,9 @@ class Dissector {
 
 }  // namespace
 
-Dissection nested_dissection(std::span<const Vec3f> points, std::span<const std::array<uint32_t, 2>> edges, uint32_t leaf) {
-  return Dissector(points, edges, leaf).run();
+Dissection nested_dissection(std::span<const Vec3f> points, std::span<const std::array<uint32_t, 2>> edges, uint32_t leaf,
+                             const std::function<void()>& check) {
+  return Dissector(points, edges, leaf, check).run();
 }
 
 }  // namespace knead

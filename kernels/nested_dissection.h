@@ -3,6 +3,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -22,7 +23,8 @@ struct Dissection {
   std::vector<DissectionNode> nodes;  // children before parents, their places too
 };
 
-// Parts of at most `leaf` vertices are not cut further.
-Dissection nested_dissection(std::span<const Vec3f> points, std::span<const std::array<uint32_t, 2>> edges, uint32_t leaf);
+// Parts of at most `leaf` vertices are not cut further. `check` is called now and then, and may throw.
+Dissection nested_dissection(std::span<const Vec3f> points, std::span<const std::array<uint32_t, 2>> edges, uint32_t leaf,
+                             const std::function<void()>& check = {});
 
 }  // namespace knead

@@ -29,10 +29,10 @@ void parallel_for(Executor& executor, size_t n, const char* label, const Body& b
 
 // combine(...combine(combine(start, body(0)), body(1))..., body(n - 1)), associated by fixed pieces. At most kMostPieces partial results, on the stack.
 template <class T, class Body, class Combine>
-T parallel_reduce(Executor& executor, size_t n, const char* label, T start, const Body& body, const Combine& combine) {
+T parallel_reduce(Executor& executor, size_t n, const char* label, T start, const Body& body, const Combine& combine, size_t least_grain = kGrain) {
   require_host(executor, label);
   constexpr size_t kMostPieces = 256;
-  const size_t grain = std::max(kGrain, (n + kMostPieces - 1) / kMostPieces);
+  const size_t grain = std::max(least_grain, (n + kMostPieces - 1) / kMostPieces);
   std::array<T, kMostPieces> partial;
   executor.parallel_ranges(n, grain, [&](size_t begin, size_t end) {
     T sum = start;

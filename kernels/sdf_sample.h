@@ -82,11 +82,14 @@ class SdfSampler {
   }
 
   // False when the spline at p is certainly above `value`: one voxel is looked at instead of 27. A distance grows by at most 1 a voxel's width.
-  KNEAD_HD bool reaches(const Vec3f& p, float value) {
-    if (!within(p)) return false;
+  KNEAD_HD bool reaches(const Vec3f& p, float value) { return within(p) && least(p) < value; }
+
+  // The spline at p is not below this.
+  KNEAD_HD float least(const Vec3f& p) {
+    if (!within(p)) return accessor_.root().background();
     const float near = at(static_cast<int>(std::floor(p.x + 0.5f)), static_cast<int>(std::floor(p.y + 0.5f)), static_cast<int>(std::floor(p.z + 0.5f)));
     constexpr float kReach = 2.7f;  // voxels to the farthest of the 27, and then some for a field that is not quite a distance
-    return near < value + kReach * view_.voxel;
+    return near - kReach * view_.voxel;
   }
 
  private:

@@ -3,6 +3,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -20,11 +21,13 @@ struct EnergyLanes;
 class FactorPlan {
  public:
   // In places of the dissection: `edges` with their entries, each once.
-  FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, std::vector<float> entries);
+  FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, std::vector<float> entries,
+             const std::function<void()>& check = {});
 
   uint32_t size() const { return static_cast<uint32_t>(node_of_.size()); }
   size_t stored_values() const { return values_; }
   double flops() const { return flops_; }  // of one factorisation
+  double bytes() const { return bytes_; }  // of a factor with its updates, and of what it needs while it is made
 
  private:
   friend class SparseCholesky;
@@ -37,6 +40,12 @@ class FactorPlan {
     uint32_t to_parent = 0;           // where its rows below are in its parent's front, in to_parent_
     std::vector<uint32_t> children;
   };
+  // Subtrees that are solved at once: whole nodes and all that is below them, so consecutive panels.
+  struct Part {
+    uint32_t begin = 0, end = 0;  // panels
+  };
+  void cut_into_parts();
+
   struct Own {
     uint32_t row, column;  // in the front
     float entry;
@@ -47,34 +56,42 @@ class FactorPlan {
   std::vector<Own> own_;
   std::vector<std::vector<int>> successors_;
   std::vector<int> waits_for_;
+  std::vector<Part> parts_, rest_;    // rest_: runs of panels above the parts, in order
+  std::vector<uint32_t> top_places_;  // of the panels above the parts
+  std::vector<uint32_t> part_rows_;   // rows_, but places above the parts are given in rows of the part's own, behind the vector
   size_t values_ = 0;
   uint32_t highest_ = 0;
-  double flops_ = 0;
+  double flops_ = 0, bytes_ = 0;
 };
 
 class SparseCholesky {
  public:
-  // Throws Error(kInput) when the matrix with this diagonal is not positive definite.
-  SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> diagonal);
+  // Throws Error(kInput) when the matrix with this diagonal is not positive definite. `check` is called now and then by any thread, and may throw.
+  SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> diagonal,
+                 const std::function<void()>& check = {});
 
   // The factor for another diagonal. Only the fronts above places where it differs are made anew; the others are shared with `before`, which must
   // have kept its updates (a factor made by the constructor has).
-  SparseCholesky(Executor& executor, const EnergyLanes& lanes, const SparseCholesky& before, std::span<const float> diagonal);
+  SparseCholesky(Executor& executor, const EnergyLanes& lanes, const SparseCholesky& before, std::span<const float> diagonal,
+                 const std::function<void()>& check = {});
 
-  // x <- A^-1 x; `scratch` has scratch_floats() of room.
-  void solve(const EnergyLanes& lanes, Row4* x, float* scratch) const;
+  // x <- A^-1 x. `x` has solve_rows() rows, those from size() on for the solve itself; `scratch` has scratch_floats() of room.
+  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const;
 
-  size_t scratch_floats() const { return 3 * size_t{plan_->highest_}; }
+  size_t solve_rows() const { return (plan_->size() + 15) / 16 * 16 + plan_->parts_.size() * plan_->top_places_.size(); }
+  size_t scratch_floats() const { return 3 * size_t{plan_->highest_} * (plan_->parts_.size() + 1); }
   size_t bytes() const { return values_.bytes(); }
 
  private:
-  void factor_front(const EnergyLanes& lanes, uint32_t n, std::span<const float> diagonal, const SparseCholesky* before,
-                    const std::vector<char>& changed);
+  void make(Executor& executor, const EnergyLanes& lanes, const SparseCholesky* before, const std::vector<char>& changed,
+            const std::function<void()>& check);
+  void factor_front(const EnergyLanes& lanes, uint32_t n, const SparseCholesky* before, const std::vector<char>& changed);
 
   std::shared_ptr<const FactorPlan> plan_;
   std::vector<float> diagonal_;
   std::vector<Buffer<float>> updates_;  // by front: what it hands to its parent, by columns of full height
-  Buffer<float> values_;
+  Buffer<float> values_, shared_;       // of the panels made here, and those of the factor before
+  std::vector<float*> panel_values_;    // where a panel's entries are
 };
 
 }  // namespace knead

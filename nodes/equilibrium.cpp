@@ -81,6 +81,8 @@ class Equilibrium : public Node {
                              EquilibriumSettings{}.memory_interval,
                              {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
   Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
+  Param<double> memory_limit{
+      this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose factor takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
   Out<Report> report{
@@ -122,7 +124,7 @@ class Equilibrium : public Node {
  private:
   Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
     Hasher key;
-    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples());
+    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples()).add(memory_limit());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
@@ -140,12 +142,13 @@ class Equilibrium : public Node {
     settings.hold = hold();
     settings.keep_volume = keep_volume();
     settings.contact_samples = contact_samples();
+    settings.memory_limit = 1e9 * memory_limit();
+    settings.check_cancelled = [&] { context.check_cancelled(); };
     settings.pins = paint(pins);
     settings.stiffness_weights = paint(stiffness_weights);
     settings.volume_weights = paint(volume_weights);
     settings.hold_weights = paint(hold_weights);
-    auto rest = prepare_equilibrium(context.executor(), mesh, bound, settings);
-    return rest;
+    return prepare_equilibrium(context.executor(), mesh, bound, settings);
   }
 
   static Report describe(const EquilibriumFigures& figures, const RestFigures& rest) {
@@ -165,6 +168,7 @@ class Equilibrium : public Node {
     report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
     report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
     report.set("contact_factor_milliseconds", 1e3 * figures.factor_seconds);
+    report.set("factor_megabytes", 1e-6 * rest.factor_bytes);
     report.set("factor_values", static_cast<double>(rest.factor_values));
     report.set("order_milliseconds", 1e3 * rest.order_seconds);
     report.set("factor_milliseconds", 1e3 * rest.factor_seconds);

@@ -1,0 +1,192 @@
+#include "kernels/equilibrium_contacts.h"
+
+#include <cmath>
+
+#include "graph/error.h"
+#include "kernels/collide.h"
+#include "kernels/parallel.h"
+
+namespace knead {
+namespace {
+
+constexpr float kSkin = 3;          // cells: samples as near as this to a collider are listed
+constexpr double kBulk = 10;        // stiffness of the enclosed volume over the body's own; the memory does the rest
+constexpr size_t kFewSamples = 64;  // per piece: a sample in contact costs a look at 27 voxels
+constexpr double kOneSide = 0.3;    // of their area: how far the samples inside a collider must agree on the way in
+
+}  // namespace
+
+EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRest& rest, const Similarity& placement,
+                                         std::span<const Sdf* const> colliders, const EquilibriumSettings& settings)
+    : executor_(executor),
+      rest_(rest),
+      force_(rest.samples.size() + 1),
+      push_(rest.rows),
+      now_(rest.samples.vertices + 1),
+      volume_gradient_(rest.samples.vertices + 1),
+      memory_(colliders.size() * rest.samples.size() + 1),
+      distance_(memory_.size()),
+      slack_(rest.samples.size(), 0.0f),
+      skin_(kSkin) {
+  if (colliders.size() > kMostColliders)
+    throw Error(ErrorCode::kInput,
+                std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
+                "join some of them with union_sdf");
+  const SampleTable& s = rest_.samples;
+  list_.reserve(s.size());
+  std::fill_n(memory_.data_for_write(), memory_.size(), 0.0f);
+  std::fill_n(force_.data_for_write(), force_.size(), Row4{0, 0, 0, 0});
+  std::fill_n(push_.data_for_write(), push_.size(), Row4{0, 0, 0, 0});
+  body_.offsets = s.offsets.data();
+  body_.indices = s.indices.data();
+  body_.weights = s.weights.data();
+  body_.rest = s.rest.data();
+  body_.area = s.area.data();
+  body_.slack = slack_.data();
+  body_.memory = memory_.host().data();
+  body_.distance = distance_.data_for_write();
+  body_.force = force_.data_for_write();
+  body_.count = static_cast<uint32_t>(colliders.size());
+  body_.samples = static_cast<uint32_t>(s.size());
+  body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
+  body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
+  const Similarity to_world = placement * rest_.to_local;
+  for (size_t k = 0; k < colliders.size(); ++k) {
+    check_margin(*colliders[k], placement, settings.margin, k);
+    body_.colliders[k] = view_collider(*colliders[k], executor_.device(), to_world);
+    skin_ = std::min(skin_, colliders[k]->outside_band * body_.colliders[k].scale);
+  }
+}
+
+ContactSum EquilibriumContacts::evaluate(const Row4* u, float travelled) {
+  body_.u = u;
+  body_.travelled = travelled;
+  ContactSum sum = parallel_reduce(
+      executor_, list_.size(), "contact_energy", ContactSum{}, body_,
+      [](const ContactSum& a, const ContactSum& b) {
+        return ContactSum{a.energy + b.energy, std::max(a.deepest, b.deepest), std::max(a.change, b.change), a.active + b.active};
+      },
+      kFewSamples);
+  if (keeps_volume()) sum.energy += add_volume();
+  spread();
+  return sum;
+}
+
+// Few samples push: their forces go to H's vertices one after the other.
+void EquilibriumContacts::spread() {
+  Row4* push = push_.data_for_write();
+  for (const uint32_t p : pushed_) push[p] = {0, 0, 0, 0};
+  pushed_.clear();
+  const SampleTable& s = rest_.samples;
+  const Row4* force = force_.host().data();
+  const uint32_t first = keeps_volume() ? s.vertices : 0;  // with the volume all vertices push
+  for (const uint32_t i : list_) {
+    if (i < first || (force[i].x == 0 && force[i].y == 0 && force[i].z == 0)) continue;
+    for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e) {
+      const uint32_t p = s.indices[e];
+      push[p] = to_row(to_vec(push[p]) + s.weights[e] * to_vec(force[i]));
+      pushed_.push_back(p);
+    }
+  }
+}
+
+void EquilibriumContacts::list_samples(const Row4* u) {
+  body_.u = u;
+  parallel_for(executor_, samples(), "contact_list", [&](uint32_t s) { slack_[s] = body_.room(s, skin_); });
+  list_.clear();
+  Row4* force = force_.data_for_write();
+  float* distance = distance_.data_for_write();
+  for (uint32_t s = 0; s < samples(); ++s) {
+    if (slack_[s] < skin_) {
+      list_.push_back(s);
+      continue;
+    }
+    force[s] = {0, 0, 0, 0};
+    for (size_t k = 0; k < body_.count; ++k) distance[k * samples() + s] = ContactEnergy::kFar;
+  }
+  body_.list = list_.data();
+}
+
+bool EquilibriumContacts::find_entries() {
+  const SampleTable& s = rest_.samples;
+  const float* distance = distance_.host().data();
+  exits_.assign(body_.count * s.size(), -1.0f);
+  bool any = false;
+  for (uint32_t k = 0; k < body_.count; ++k) {
+    Vec3d facing{0, 0, 0};
+    double area = 0;
+    for (size_t i = 0; i < s.size(); ++i)
+      if (distance[k * s.size() + i] < 0) {
+        facing += to_double(s.outward[i]);
+        area += length(to_double(s.outward[i]));
+      }
+    const double size = length(facing);
+    if (!(size > kOneSide * area) || area == 0) continue;
+    body_.entry[k] = to_float((-1 / size) * facing);
+    const ContactExit body{body_, k, exits_.data() + k * s.size()};
+    parallel_for(executor_, s.size(), "contact_exit", body, kFewSamples);
+    any = true;
+  }
+  body_.exits = any ? exits_.data() : nullptr;
+  return any;
+}
+
+void EquilibriumContacts::update_memory() {
+  float* memory = memory_.data_for_write();
+  const float* distance = distance_.host().data();
+  for (size_t i = 0; i < body_.count * samples(); ++i) {
+    memory[i] = std::max(0.0f, memory[i] - distance[i]);
+    if (memory[i] > 0) slack_[i % samples()] = 0;
+  }
+  volume_memory_ += volume_error_;
+}
+
+void EquilibriumContacts::stiffen(float by) {
+  body_.stiffness *= by;
+  float* memory = memory_.data_for_write();
+  for (size_t i = 0; i < body_.count * samples(); ++i) memory[i] /= by;
+}
+
+void EquilibriumContacts::add_to(std::span<float> diagonal, float share) const {
+  const SampleTable& s = rest_.samples;
+  const float *memory = memory_.host().data(), *distance = distance_.host().data();
+  for (size_t k = 0; k < body_.count; ++k)
+    for (const uint32_t i : list_) {
+      if (!(distance[k * s.size() + i] < memory[k * s.size() + i])) continue;
+      const float weight = share * body_.stiffness * s.area[i];
+      for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
+        if (rest_.free[s.indices[e]] != 0) diagonal[s.indices[e]] += weight * s.weights[e];
+    }
+}
+
+// kb/2 V0 (V/V0 - 1 + memory)^2 for M as a whole: its gradient goes to the samples' forces.
+double EquilibriumContacts::add_volume() {
+  const uint32_t n = rest_.samples.vertices;
+  parallel_for(executor_, n, "vertex_places", VertexPlaces{body_, now_.data_for_write()});
+  const VolumeGradient body{now_.data_for_write(), rest_.fan_offsets.data(), rest_.fans.data(), volume_gradient_.data_for_write()};
+  const double volume = reduce_sum(executor_, n, "enclosed_volume", body);
+  if (rest_volume_ == 0) rest_volume_ = volume;  // the first call is at rest
+  if (rest_volume_ == 0) rest_volume_ = 1e-30;
+  const double stiffness = std::abs(rest_volume_) / volume_compliance();
+  volume_error_ = volume / rest_volume_ - 1;
+  const double error = volume_error_ + volume_memory_;
+  const float push = static_cast<float>(stiffness * error * (rest_volume_ < 0 ? -1 : 1));
+  parallel_for(executor_, n, "volume_push", VolumePush{volume_gradient_.host().data(), push, slack_.data(), skin_, force_.data_for_write()});
+  return 0.5 * stiffness * std::abs(rest_volume_) * error * error;
+}
+
+double EquilibriumContacts::volume_compliance() const {
+  return std::abs(rest_volume_) / (kBulk * (1 + rest_.bulk));
+}
+
+void EquilibriumContacts::volume_gradient(Row4* by_place) const {
+  const SampleTable& s = rest_.samples;
+  const Row4* gradient = volume_gradient_.host().data();
+  for (uint32_t p = 0; p < rest_.places; ++p) {
+    Vec3f sum{0, 0, 0};
+    for (uint32_t e = s.back_offsets[p]; e < s.back_offsets[p + 1]; ++e) sum += s.back_weights[e] * to_vec(gradient[s.back_samples[e]]);
+    by_place[p] = to_row(rest_.free[p] * sum);
+  }
+}
+
+}  // namespace knead

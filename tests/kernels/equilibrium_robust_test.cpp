@@ -1,0 +1,197 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <numbers>
+#include <random>
+
+#include "graph/error.h"
+#include "io/vdb.h"
+#include "kernels/equilibrium.h"
+#include "kernels/lattice_map.h"
+#include "kernels/primitives.h"
+#include "kernels/tet_build.h"
+
+namespace knead {
+namespace equilibrium_robust_test {
+
+Sdf ball(double radius, const Vec3d& at, double scale = 1) {
+  const auto executor = make_serial_executor();
+  SdfPlan plan;
+  plan.voxel_size = radius / 10;
+  plan.lower = {-radius, -radius, -radius};
+  plan.upper = {radius, radius, radius};
+  Sdf sdf = build_sdf(*executor, plan, [&](const Vec3d& p, uint32_t&) { return length(p) - radius; });
+  sdf.placement.translation = at;
+  sdf.placement.scale = scale;
+  return sdf;
+}
+
+struct Pressed {
+  std::unique_ptr<Executor> executor = make_cpu_executor(2);
+  TetBuild built;
+  std::shared_ptr<const EquilibriumRest> rest;
+  EquilibriumFigures figures;
+  Buffer<Vec3f> tets, points;
+  EquilibriumSettings settings;
+
+  explicit Pressed(const Surface& surface, const EquilibriumMaterial& material = {}, int depth = 3) {
+    std::vector<std::string> warnings;
+    TetBuildOptions options;
+    options.max_depth = depth;
+    options.min_depth = 2;
+    built = build_tets(surface, options, *executor, warnings);
+    rest = prepare_equilibrium(*executor, built.tets, built.lattice, material);
+  }
+
+  // Every place is a number, not far from rest, and `ended` says what it should.
+  void by(const std::vector<const Sdf*>& colliders, const std::string& what, double most = 1) {
+    tets = solve_equilibrium(*executor, *rest, built.lattice.rest.placement, colliders, settings, figures);
+    points = map_to_surface(*executor, tets, built.lattice);
+    const double diagonal = built.lattice.rest.diagonal();
+    for (size_t i = 0; i < points.size(); ++i) {
+      const double moved = static_cast<double>(length(points.host()[i] - built.lattice.rest.points.host()[i]));
+      ASSERT_TRUE(moved <= most * diagonal) << what << ": vertex " << i << " went " << moved / diagonal << " diagonals";
+    }
+    EXPECT_TRUE(std::isfinite(figures.energy) && std::isfinite(figures.gradient) && std::isfinite(figures.penetration)) << what;
+    EXPECT_LE(figures.iterations, settings.max_iterations) << what;
+    const bool quiet = figures.gradient <= settings.gradient && figures.penetration <= 1.01 * settings.penetration;
+    EXPECT_TRUE(figures.ended != "rest" || quiet) << what << " says rest at gradient " << figures.gradient << ", contact " << figures.penetration;
+    EXPECT_TRUE(figures.ended != "iterations" || figures.iterations == settings.max_iterations) << what;
+  }
+};
+
+using Triangles = std::vector<uint32_t>;
+
+Surface mended(const Surface& from, const std::function<void(std::vector<Vec3f>&, Triangles&)>& change) {
+  std::vector<Vec3f> points(from.points.host().begin(), from.points.host().end());
+  Triangles triangles = from.topology->triangles;
+  change(points, triangles);
+  return make_triangle_surface(points, triangles);
+}
+
+TEST(EquilibriumRobust, TakesSurfacesOfEveryKind) {
+  const Surface sphere = make_sphere(1, 2);
+  std::mt19937 random(3);
+  const std::map<std::string, Surface> surfaces{{"open", mended(sphere, [](auto&, auto& t) { t.resize(t.size() * 3 / 4); })},
+                                                {"inside out", mended(sphere, [](auto&, auto& t) { std::reverse(t.begin(), t.end()); })},
+                                                {"mixed", mended(sphere, [](auto&, auto& t) { std::reverse(t.begin(), t.begin() + 150); })},
+                                                {"soup", mended(sphere,
+                                                                [&](auto& p, auto& t) {
+                                                                  std::uniform_real_distribution<float> at(-1, 1);
+                                                                  p.clear(), t.clear();
+                                                                  for (uint32_t i = 0; i < 180; ++i)
+                                                                    p.push_back({at(random), at(random), at(random)}), t.push_back(i);
+                                                                })},
+                                                {"flat", mended(sphere,
+                                                                [](auto& p, auto&) {
+                                                                  for (Vec3f& v : p) v.y *= 1e-6f;
+                                                                })},
+                                                {"shells", mended(sphere,
+                                                                  [](auto& p, auto& t) {
+                                                                    const size_t n = p.size(), m = t.size();
+                                                                    for (size_t i = 0; i < n; ++i)
+                                                                      p.push_back(0.5f * p[i]), p.push_back(p[i] + Vec3f{2.5f, 0, 0});
+                                                                    for (size_t c = 0; c < m; ++c)
+                                                                      t.push_back(static_cast<uint32_t>(n + 2 * t[m - 1 - c]));
+                                                                    for (size_t c = 0; c < m; ++c)
+                                                                      t.push_back(static_cast<uint32_t>(n + 2 * t[c] + 1));
+                                                                  })},
+                                                {"slivers and repeats", mended(sphere, [](auto& p, auto& t) {
+                                                   for (size_t i = 0; i + 1 < p.size(); i += 5) p[i] = p[i + 1];
+                                                   t.insert(t.end(), {3, 3, 4, 7, 7, 7});
+                                                 })}};
+  const Sdf above = ball(0.5, {0.05, 1.2, 0.02}), through = ball(0.5, {0.05, 0.1, 0.02});
+  for (const auto& [name, surface] : surfaces) {
+    EquilibriumMaterial material;
+    material.contact_samples = name == "open" ? 3 : 0;
+    Pressed pressed(surface, material);
+    pressed.settings.max_iterations = 40;
+    pressed.by({&above}, name);
+    pressed.by({&through}, name + ", from within");
+  }
+}
+
+TEST(EquilibriumRobust, TakesTinyHugeAndFarBodies) {
+  for (const double size : {1e-4, 1e4}) {
+    const Vec3d at{1e6 * size, -1e6 * size, 1e6 * size};
+    Surface surface = make_sphere(1, 2);
+    surface.placement.scale = size;
+    surface.placement.translation = at;
+    const Sdf collider = ball(0.5, at + size * Vec3d{0, 1.3, 0}, size);
+    Pressed pressed(surface);
+    pressed.by({&collider}, "size " + std::to_string(size));
+    EXPECT_EQ(pressed.figures.ended, "rest") << size;
+  }
+}
+
+TEST(EquilibriumRobust, TakesCollidersThatSwallowOrMissOrSqueeze) {
+  Pressed pressed(make_sphere(1, 2));
+  pressed.settings.max_iterations = 40;
+  const Sdf swallows = ball(3, {0.2, 0, 0}), misses = ball(0.5, {9, 0, 0}), upper = ball(1, {0, 1.5, 0}), lower = ball(1, {0, -1.5, 0});
+  pressed.by({&swallows}, "swallowed", 3);
+  EXPECT_NE(pressed.figures.ended, "rest");
+  pressed.by({&upper, &lower, &misses}, "squeezed");
+  pressed.by({&upper, &upper}, "twice the same");
+  pressed.by({}, "none");
+  EXPECT_EQ(pressed.figures.ended, "no contact");
+  pressed.by({&misses}, "missed");
+  EXPECT_EQ(pressed.figures.ended, "no contact");
+  EXPECT_EQ(pressed.tets.id(), pressed.built.tets.rest.id());
+}
+
+TEST(EquilibriumRobust, TakesPinsEverywhereAndNothingThatHolds) {
+  const Surface sphere = make_sphere(1, 2);
+  const Sdf collider = ball(0.5, {0, 1.2, 0}), other = ball(0.5, {0, -1.2, 0});
+  const Buffer<float> pins(std::vector<float>(sphere.vertices(), 1.0f));
+  EquilibriumMaterial pinned;
+  pinned.pins = &pins;
+  Pressed stays(sphere, pinned);
+  stays.settings.max_iterations = 30;
+  stays.by({&collider}, "pinned");
+  EXPECT_EQ(std::memcmp(stays.points.host().data(), sphere.points.host().data(), sphere.points.bytes()), 0);
+  EXPECT_NE(stays.figures.ended, "rest") << "the collider is still inside";
+  EquilibriumMaterial free;
+  free.hold = 0;
+  Pressed floats(sphere, free);
+  floats.by({&collider}, "free");
+  floats.by({&collider, &other}, "held by colliders alone");
+}
+
+TEST(EquilibriumRobust, RefusesAFactorAboveTheLimitBeforeMakingIt) {
+  EquilibriumMaterial material;
+  material.memory_limit = 1000;
+  try {
+    Pressed pressed(make_sphere(1, 2), material);
+    FAIL() << "not refused";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::kMemory);
+    EXPECT_NE(std::string(error.what()).find("vertices"), std::string::npos) << error.what();
+  }
+}
+
+TEST(EquilibriumRobust, StopsWhereverItIsCancelled) {
+  const Surface sphere = make_sphere(1, 2);
+  const Sdf collider = ball(0.5, {0, 1.2, 0});
+  std::atomic<int> left = 1 << 30;
+  const auto ask = [&] {
+    if (left-- <= 0) throw Error(ErrorCode::kCancelled, "cancelled");
+  };
+  EquilibriumMaterial material;
+  material.check_cancelled = ask;
+  Pressed whole(sphere, material);
+  const int asked_to_prepare = (1 << 30) - left;
+  EXPECT_GE(asked_to_prepare, 3);
+  for (int after = 0; after < asked_to_prepare; ++after) {
+    left = after;
+    EXPECT_THROW(Pressed(sphere, material), Error) << after;
+  }
+  whole.settings.check_cancelled = ask;
+  for (const int after : {0, 1, 10}) {
+    left = after;
+    EXPECT_THROW(whole.by({&collider}, "cancelled"), Error) << after;
+  }
+}
+
+}  // namespace equilibrium_robust_test
+}  // namespace knead
