@@ -76,7 +76,7 @@ double deepest_inside(const std::vector<Vec3d>& points, const std::vector<Vec3d>
 }
 
 struct Figures {
-  double volume_error, dent, bulge;  // the last two over the diagonal
+  double volume_error, dent, bulge;  // the last two over the diagonal: the longest move, and the longest across the direction from the collider's middle
   Report report;
 };
 
@@ -96,7 +96,7 @@ Figures pressed(const Press& press) {
     EXPECT_TRUE(std::isfinite(points[i].x) && std::isfinite(points[i].y) && std::isfinite(points[i].z));
     const Vec3d move = points[i] - rest[i], away = rest[i] - towards;
     const double along = dot(move, away) / length(away);
-    figures.dent = std::max(figures.dent, along / diagonal);
+    figures.dent = std::max(figures.dent, length(move) / diagonal);
     figures.bulge = std::max(figures.bulge, length(move - away * (along / length(away))) / diagonal);
   }
   const double allowed = std::max(1e-4 * diagonal, 0.1 * evaluator.get<Sdf>("solid", press.deepest).voxel_size * tool.placement.scale);
@@ -110,7 +110,7 @@ TEST_F(RealInputs, AFistDentsTheHead) {
   const Figures figures = pressed(
       {"heads/head_ict_2400.obj", "colliders/fist_3000.obj", "scale: 8, keys: {1: {translate: [0, 2, 30]}, 12: {translate: [0, 2, 12]}}", 3, 12});
   EXPECT_LT(std::abs(figures.volume_error), 0.01);
-  EXPECT_GT(figures.dent, 0.015);
+  EXPECT_GT(figures.dent, 0.02);
   EXPECT_GT(figures.bulge, 0.001);
   EXPECT_EQ(figures.report.number("inverted_tets"), 0);
   EXPECT_EQ(figures.report.word("ended"), "at rest");
