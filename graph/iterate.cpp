@@ -26,7 +26,9 @@ Body nodes that do not depend on the state run once. A round allocates nothing n
 // A body node sees its round, and through it what the loop's own context says of frame, executor, cancellation and cache.
 class BodyContext final : public RoundContext {
  public:
-  BodyContext(Round& round, int node, Context& outer) : RoundContext(round, node), outer_(outer) {}
+  BodyContext(Round& round, int node, const std::vector<Source>& dies, Context& outer) : RoundContext(round, node), dies_(dies), outer_(outer) {}
+  // What dies with its own maker has no reader.
+  bool wants_output(int port) const override { return std::find(dies_.begin(), dies_.end(), Source{node_, port}) == dies_.end(); }
   Executor& executor() const override { return outer_.executor(); }
   bool checked() const override { return outer_.checked(); }
   bool cancelled() const override { return outer_.cancelled(); }
@@ -38,6 +40,7 @@ class BodyContext final : public RoundContext {
   int frame_number() const override { return outer_.frame(); }
 
  private:
+  const std::vector<Source>& dies_;
   Context& outer_;
 };
 
@@ -45,7 +48,7 @@ void run_body(Round& round, bool first, const std::vector<std::vector<Source>>& 
   for (size_t i = 0; i < round.plan.nodes.size(); ++i) {
     if (!first && !round.plan.nodes[i].state_dependent) continue;
     const auto start = std::chrono::steady_clock::now();
-    BodyContext(round, static_cast<int>(i), outer).evaluate();
+    BodyContext(round, static_cast<int>(i), dies_after[i], outer).evaluate();
     for (const Source source : dies_after[i]) round.at(source) = Value();
     seconds[i] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }

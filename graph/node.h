@@ -198,6 +198,12 @@ class Context {
     set_output(port.index, Value::of<T>(std::move(value)));
   }
 
+  // False where nobody reads the output, as of most reports inside a loop: then any value will do, and making one is a waste.
+  template <class T>
+  bool wants(const Out<T>& port) const {
+    return wants_output(port.index);
+  }
+
   virtual int frame() const = 0;  // throws in checked mode when the node did not say depends_on_frame()
   virtual Executor& executor() const = 0;
   MemoryResource& memory() const { return executor().memory(); }
@@ -212,6 +218,8 @@ class Context {
 
   // Time spent in a part of this node (the body of a loop), by the part's name; added up.
   virtual void add_time(const std::string& part, double seconds) = 0;
+
+  virtual bool wants_output(int) const { return true; }
 
   // For structural nodes.
   virtual const Value& input(int port, size_t i) const = 0;

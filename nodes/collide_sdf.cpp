@@ -132,8 +132,11 @@ class CollideSdf : public Node {
     }
     after.deepest = relative(figures.deepest, body);
     for (const Vec3d& shift : shifts) after.deepest = std::max(after.deepest, relative(length(shift), body));  // the loop must not end on the way
-    Report figures_report = describe(figures.inside, figures.deepest, body);
-    figures_report.set("way_in_steps", static_cast<double>(after.steps));
+    Report figures_report;
+    if (context.wants(report)) {
+      figures_report = describe(figures.inside, figures.deepest, body);
+      figures_report.set("way_in_steps", static_cast<double>(after.steps));
+    }
     context.set(displacement, std::move(moves));
     context.set(pushed, std::move(moved));
     context.set(contacts, std::move(after));
