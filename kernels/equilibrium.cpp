@@ -14,11 +14,13 @@
 namespace knead {
 namespace {
 
-constexpr int kMemory = 8;                                  // pairs that L-BFGS remembers
+constexpr int kMemory = 16;                                 // pairs that L-BFGS remembers
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
 constexpr int kRenewal = 5;                                 // the iteration at which the contacts are as good as known
+constexpr int kDeformedRenewal = 15;                        // the iteration at which the metric follows the body's deformation,
+constexpr double kDeformed = 0.15;                          // when its energy is above this, over the sum of mu V0
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
@@ -224,11 +226,24 @@ class Solver {
   // P with the samples that push now: kc a w on the diagonal, lumped, the same for x, y and z.
   void renew_metric() {
     ScopedTime time(figures_.factor_seconds);
-    diagonal_ = rest_.metric_diagonal;
+    diagonal_ = deformed_ ? deformed_diagonal_ : rest_.metric_diagonal;
     contacts_.add_to(diagonal_, static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts));
-    factor_ = std::make_unique<SparseCholesky>(executor_, lanes_, *rest_.factor, diagonal_, settings_.check_cancelled);
+    factor_ = std::make_unique<SparseCholesky>(executor_, lanes_, deformed_ ? *deformed_ : *rest_.factor, diagonal_, settings_.check_cancelled);
     ++figures_.factors;
     renew_bulk();
+  }
+
+  // A body that is deformed throughout has little to do with the rest shape's metric.
+  void renew_for_deformation() {
+    if (elastic_energy_ < kDeformed * rest_.stiffness) return;
+    {
+      ScopedTime time(figures_.factor_seconds);
+      std::vector<float> entries;
+      rest_.metric_at(u_.data(), entries, deformed_diagonal_);
+      deformed_ = std::make_unique<SparseCholesky>(executor_, lanes_, rest_.factor->plan(), entries, deformed_diagonal_, settings_.check_cancelled);
+      scale_ = 1;
+    }
+    renew_metric();
   }
 
   void apply_metric(Rows& x) {
@@ -312,6 +327,7 @@ class Solver {
         }
         renew_metric();
       }
+      if (figures_.iterations == kDeformedRenewal) renew_for_deformation();
       if (figures_.iterations % kBulkInterval == 0 && figures_.iterations > 0) renew_bulk();
       make_direction();
       double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
@@ -384,7 +400,9 @@ class Solver {
   int updates_since_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
-  std::unique_ptr<SparseCholesky> factor_;  // of this frame's contacts
+  std::vector<float> deformed_diagonal_;
+  std::unique_ptr<SparseCholesky> deformed_;  // the rest shape's, once the body has little to do with it
+  std::unique_ptr<SparseCholesky> factor_;    // of this frame's contacts
 };
 
 }  // namespace

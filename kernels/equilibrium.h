@@ -47,7 +47,7 @@ struct EquilibriumSettings {
   int max_iterations = 150;
   double gradient = 1e-3;         // at rest when the sum of forces is below this part of the contact forces,
   double displacement = 1e-4;     // when the last step moved no vertex of H further than this part of M's diagonal,
-  double penetration = 2e-4;      // and when no contact is off by more than this part of M's diagonal
+  double penetration = 1e-4;      // and when no contact is off by more than this part of M's diagonal
   double contact = 5;             // stiffness of a contact before its memory fills, relative to the body's own
   int memory_interval = 15;       // iterations after which the contact memory is updated in any case
   double memory_gradient = 0.03;  // or when the relative gradient is below this

@@ -64,39 +64,35 @@ std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const
   return {on_tets.host().begin(), on_tets.host().end()};
 }
 
-// P's entries: the elastic Hessian at rest, each tet's part taken as a multiple of its Laplacian.
-void add_stiffness(const Assembly& a, const std::vector<uint32_t>& place, std::vector<std::array<uint32_t, 2>>& edges, std::vector<double>& entries,
-                   std::vector<double>& diagonal) {
-  const auto tets = a.tets.tets.host();
-  const auto volumes = a.tets.rest_volumes.host();
-  std::vector<size_t> begin(place.size() + 1, 0);  // by lower place: the tets' parts of its entries
-  for (const auto& t : tets)
-    for (int i = 0; i < 4; ++i)
-      for (int j = i + 1; j < 4; ++j) ++begin[std::min(place[t[i]], place[t[j]]) + 1];
-  for (size_t p = 0; p < place.size(); ++p) begin[p + 1] += begin[p];
-  std::vector<std::pair<uint32_t, double>> parts(begin.back());
+// H's edges in places, and which of them each tet has: pairs of corners in the order 01 02 03 12 13 23.
+std::vector<std::array<uint32_t, 2>> make_edges(EquilibriumRest& rest, const EquilibriumMaterial& material) {
+  const uint32_t* corners = rest.corners.host().data();
+  const size_t stride = rest.stride;
+  const auto each_pair = [&](auto&& take) {
+    for (size_t k = 0; k < rest.tets; ++k)
+      for (size_t i = 0, e = 0; i < 4; ++i)
+        for (size_t j = i + 1; j < 4; ++j, ++e) {
+          const auto [p, q] = std::minmax(corners[i * stride + k], corners[j * stride + k]);
+          take(p, q, static_cast<uint32_t>(6 * k + e));
+        }
+  };
+  std::vector<size_t> begin(size_t{rest.places} + 1, 0);  // by lower place
+  each_pair([&](uint32_t p, uint32_t, uint32_t) { ++begin[p + 1]; });
+  for (size_t p = 0; p < rest.places; ++p) begin[p + 1] += begin[p];
+  std::vector<std::array<uint32_t, 2>> pairs(begin.back()), edges;  // the higher place, and which pair of which tet
   std::vector<size_t> cursor(begin.begin(), begin.end() - 1);
-  for (size_t t = 0; t < tets.size(); ++t) {
-    const auto g = shape_gradients(a.edges(tets[t]));
-    const std::array<Vec3d, 4> n{-(g[0] + g[1] + g[2]), g[0], g[1], g[2]};
-    const double weight = volumes[t] * (a.mu(t) + a.lame(t));
-    for (int i = 0; i < 4; ++i) {
-      diagonal[place[tets[t][i]]] += weight * dot(n[i], n[i]);
-      for (int j = i + 1; j < 4; ++j) {
-        const auto [p, q] = std::minmax(place[tets[t][i]], place[tets[t][j]]);
-        parts[cursor[p]++] = {q, weight * dot(n[i], n[j])};
-      }
+  each_pair([&](uint32_t p, uint32_t q, uint32_t pair) { pairs[cursor[p]++] = {q, pair}; });
+  material.check();
+  rest.tet_edges.resize(6 * rest.tets);
+  for (uint32_t p = 0; p < rest.places; ++p) {
+    const auto first = pairs.begin() + static_cast<ptrdiff_t>(begin[p]), last = pairs.begin() + static_cast<ptrdiff_t>(begin[p + 1]);
+    std::sort(first, last);
+    for (auto pair = first; pair != last; ++pair) {
+      if (pair == first || (*pair)[0] != edges.back()[1]) edges.push_back({p, (*pair)[0]});
+      rest.tet_edges[(*pair)[1]] = static_cast<uint32_t>(edges.size() - 1);
     }
   }
-  a.material.check();
-  for (uint32_t p = 0; p < place.size(); ++p) {
-    const auto first = parts.begin() + static_cast<ptrdiff_t>(begin[p]), last = parts.begin() + static_cast<ptrdiff_t>(begin[p + 1]);
-    std::stable_sort(first, last, [](const auto& x, const auto& y) { return x.first < y.first; });
-    for (auto part = first; part != last; ++part) {
-      if (part == first || part->first != edges.back()[1]) edges.push_back({p, part->first}), entries.push_back(0);
-      entries.back() += part->second;
-    }
-  }
+  return edges;
 }
 
 // The triangles round each vertex of M, when they enclose a volume worth the name: every directed edge has its opposite.
@@ -160,6 +156,7 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
       for (int d = 0; d < 3; ++d) shape[(3 * c + static_cast<size_t>(d)) * rest.stride + k] = static_cast<float>(s[c][d]);
     const double m = a.mu(t), l = a.lame(t) + (rest.term == ElasticTerm::kStableNeoHookean ? m : 0);
     mu[k] = static_cast<float>(m * volumes[t]);
+    rest.stiffness += m * volumes[t];
     lambda[k] = static_cast<float>(l * volumes[t]);
   }
   for (size_t p = 0; p < place.size(); ++p) rest.slot_offsets[p + 1] += rest.slot_offsets[p];
@@ -233,19 +230,10 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   if (material.keep_volume) make_fans(lattice, rest);
   rest.contact_scale = (1 + mean_lame) / std::max(tets.mean_edge, 1e-6f);
 
-  std::vector<std::array<uint32_t, 2>> edges;
-  std::vector<double> entries, diagonal(n, 0);
-  add_stiffness(a, place, edges, entries, diagonal);
-  for (uint32_t p = 0; p < n; ++p) {
-    diagonal[p] = (diagonal[p] + rest.hold[p]) * (1 + 1e-5);  // a floating body without hold stays solvable in float32
-    if (rest.free[p] == 0) diagonal[p] = 1;
-  }
-  for (size_t e = 0; e < edges.size(); ++e)
-    if (rest.free[edges[e][0]] == 0 || rest.free[edges[e][1]] == 0) entries[e] = 0;
+  std::vector<std::array<uint32_t, 2>> edges = make_edges(rest, material);
+  rest.edges = edges.size();
   const auto before_factor = std::chrono::steady_clock::now();
-  rest.metric_diagonal.assign(diagonal.begin(), diagonal.end());
-  const auto plan =
-      std::make_shared<const FactorPlan>(dissection, std::move(edges), std::vector<float>(entries.begin(), entries.end()), material.check_cancelled);
+  const auto plan = std::make_shared<const FactorPlan>(dissection, std::move(edges), material.check_cancelled);
   rest.figures.vertices = n;
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
@@ -253,7 +241,9 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.figures.factor_bytes = plan->bytes();
   rest.figures.factor_flops = plan->flops();
   if (plan->bytes() > material.memory_limit) throw_too_large(rest.figures, material.memory_limit);
-  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, rest.metric_diagonal, material.check_cancelled);
+  std::vector<float> entries;
+  rest.metric_at(nullptr, entries, rest.metric_diagonal);
+  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, entries, rest.metric_diagonal, material.check_cancelled);
   rest.figures.factor_seconds = seconds_since(before_factor);
   rest.figures.seconds = seconds_since(start);
   return made;

@@ -31,12 +31,15 @@ class EquilibriumRest {
   size_t tets = 0, stride = 0;      // stride: tets, padded to lanes
   Buffer<uint32_t> corners;         // [4][stride]
   Buffer<float> shape, mu, lambda;
+  size_t edges = 0;                           // of H
+  std::vector<uint32_t> tet_edges;            // [tets][6]
   std::vector<uint32_t> slot_offsets, slots;  // by place: which rows of the tets' forces act on it
   std::vector<float> hold;                    // by place, cells^-2 times cells^3
   std::vector<float> free;                    // 1, or 0 for a pinned place
   bool any_pinned = false;
   SampleTable samples;                      // M's vertices first
   std::vector<uint32_t> fan_offsets, fans;  // by vertex of M: the other two corners of its triangles; empty for an open surface
+  double stiffness = 0;                     // sum of mu V0
   double bulk = 0;                          // Lame's first parameter over the body, for the enclosed volume
   double diagonal = 0;                      // of M, cells
   Similarity to_local;                      // tet space to M's local space
@@ -44,6 +47,11 @@ class EquilibriumRest {
   std::vector<float> metric_diagonal;       // P's, by place
   std::unique_ptr<SparseCholesky> factor;   // of P without contacts
   RestFigures figures;
+
+  // The metric P with H displaced by u (null: at rest), without contacts: entries by edge, and the diagonal by place. Each tet's part of the elastic
+  // Hessian is taken as mu n_i.n_j + lambda (C n_i).(C n_j), the same for x, y and z, with n the gradients of the shape functions and C the
+  // cofactors of the deformation, which turn and stretch with it.
+  void metric_at(const Row4* u, std::vector<float>& entries, std::vector<float>& diagonal) const;
 };
 
 // Samples of the surface that `lattice` binds, in places of the elimination order: `steps` subdivisions of a triangle's sides, below 2 vertices only.

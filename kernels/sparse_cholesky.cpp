@@ -17,8 +17,7 @@ constexpr double kWorthParting = 50000;    // entries of a subtree
 
 }  // namespace
 
-FactorPlan::FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, std::vector<float> entries,
-                       const std::function<void()>& check) {
+FactorPlan::FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, const std::function<void()>& check) {
   const auto& nodes = dissection.nodes;
   const size_t count = nodes.size();
   fronts_.resize(count);
@@ -81,7 +80,7 @@ FactorPlan::FactorPlan(const Dissection& dissection, std::vector<std::array<uint
     front.own_count = static_cast<uint32_t>(own[n].size());
     for (const uint32_t e : own[n]) {
       const auto [low, high] = std::minmax(edges[e][0], edges[e][1]);
-      own_.push_back({local(front, high), local(front, low), entries[e]});
+      own_.push_back({local(front, high), local(front, low), e});
     }
     front.to_parent = static_cast<uint32_t>(to_parent_.size());
     if (front.parent == DissectionNode::kNone) continue;
@@ -147,7 +146,7 @@ void SparseCholesky::factor_front(const EnergyLanes& lanes, uint32_t n, const Sp
   for (uint32_t i = 0; i < front.width; ++i) a[size_t{i} * ld + i] = diagonal_[front.first + i];
   for (uint32_t k = front.own; k < front.own + front.own_count; ++k) {
     const FactorPlan::Own& own = plan_->own_[k];
-    a[size_t{own.column} * ld + own.row] += own.entry;
+    a[size_t{own.column} * ld + own.row] += (*entries_)[own.edge];
   }
   for (const uint32_t c : front.children) {
     const FactorPlan::Front& child = plan_->fronts_[c];
@@ -200,15 +199,22 @@ void SparseCholesky::make(Executor& executor, const EnergyLanes& lanes, const Sp
   });
 }
 
-SparseCholesky::SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> diagonal,
-                               const std::function<void()>& check)
-    : plan_(std::move(plan)), diagonal_(diagonal.begin(), diagonal.end()), updates_(plan_->fronts_.size()) {
+SparseCholesky::SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> entries,
+                               std::span<const float> diagonal, const std::function<void()>& check)
+    : plan_(std::move(plan)),
+      entries_(std::make_shared<const std::vector<float>>(entries.begin(), entries.end())),
+      diagonal_(diagonal.begin(), diagonal.end()),
+      updates_(plan_->fronts_.size()) {
   make(executor, lanes, nullptr, {}, check);
 }
 
 SparseCholesky::SparseCholesky(Executor& executor, const EnergyLanes& lanes, const SparseCholesky& before, std::span<const float> diagonal,
                                const std::function<void()>& check)
-    : plan_(before.plan_), diagonal_(diagonal.begin(), diagonal.end()), updates_(plan_->fronts_.size()), shared_(before.values_) {
+    : plan_(before.plan_),
+      entries_(before.entries_),
+      diagonal_(diagonal.begin(), diagonal.end()),
+      updates_(plan_->fronts_.size()),
+      shared_(before.values_) {
   const auto& fronts = plan_->fronts_;
   std::vector<char> changed(fronts.size(), 0);
   for (uint32_t p = 0; p < diagonal.size(); ++p)

@@ -17,12 +17,11 @@ namespace knead {
 
 struct EnergyLanes;
 
-// What belongs to the matrix but for its diagonal: its entries, the tree of fronts and where everything goes. Shared by all factors.
+// What belongs to the matrix's pattern: the tree of fronts and where everything goes. Shared by all factors.
 class FactorPlan {
  public:
-  // In places of the dissection: `edges` with their entries, each once.
-  FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, std::vector<float> entries,
-             const std::function<void()>& check = {});
+  // In places of the dissection: `edges`, each once.
+  FactorPlan(const Dissection& dissection, std::vector<std::array<uint32_t, 2>> edges, const std::function<void()>& check = {});
 
   uint32_t size() const { return static_cast<uint32_t>(node_of_.size()); }
   size_t stored_values() const { return values_; }
@@ -48,7 +47,7 @@ class FactorPlan {
 
   struct Own {
     uint32_t row, column;  // in the front
-    float entry;
+    uint32_t edge;
   };
   std::vector<Front> fronts_;
   std::vector<Panel> panels_;
@@ -66,9 +65,10 @@ class FactorPlan {
 
 class SparseCholesky {
  public:
-  // Throws Error(kInput) when the matrix with this diagonal is not positive definite. `check` is called now and then by any thread, and may throw.
-  SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> diagonal,
-                 const std::function<void()>& check = {});
+  // The factor of the matrix with these entries, by edge, and this diagonal. Throws Error(kInput) when it is not positive definite. `check` is called
+  // now and then by any thread, and may throw.
+  SparseCholesky(Executor& executor, const EnergyLanes& lanes, std::shared_ptr<const FactorPlan> plan, std::span<const float> entries,
+                 std::span<const float> diagonal, const std::function<void()>& check = {});
 
   // The factor for another diagonal. Only the fronts above places where it differs are made anew; the others are shared with `before`, which must
   // have kept its updates (a factor made by the constructor has).
@@ -80,7 +80,7 @@ class SparseCholesky {
 
   size_t solve_rows() const { return (plan_->size() + 15) / 16 * 16 + plan_->parts_.size() * plan_->top_places_.size(); }
   size_t scratch_floats() const { return 3 * size_t{plan_->highest_} * (plan_->parts_.size() + 1); }
-  size_t bytes() const { return values_.bytes(); }
+  const std::shared_ptr<const FactorPlan>& plan() const { return plan_; }
 
  private:
   void make(Executor& executor, const EnergyLanes& lanes, const SparseCholesky* before, const std::vector<char>& changed,
@@ -88,6 +88,7 @@ class SparseCholesky {
   void factor_front(const EnergyLanes& lanes, uint32_t n, const SparseCholesky* before, const std::vector<char>& changed);
 
   std::shared_ptr<const FactorPlan> plan_;
+  std::shared_ptr<const std::vector<float>> entries_;
   std::vector<float> diagonal_;
   std::vector<Buffer<float>> updates_;  // by front: what it hands to its parent, by columns of full height
   Buffer<float> values_, shared_;       // of the panels made here, and those of the factor before

@@ -83,8 +83,8 @@ void expect_solves(int n, uint32_t leaf) {
   }
   for (size_t i = 0; i < size; ++i) dense(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) = diagonal[i];
   const auto executor = make_cpu_executor(2);
-  const auto plan = std::make_shared<const FactorPlan>(dissection, edges, entries);
-  const SparseCholesky factor(*executor, energy_lanes(*executor), plan, diagonal);
+  const auto plan = std::make_shared<const FactorPlan>(dissection, edges);
+  const SparseCholesky factor(*executor, energy_lanes(*executor), plan, entries, diagonal);
   Eigen::MatrixXd right = Eigen::MatrixXd::Random(static_cast<Eigen::Index>(size), 3);
   const Eigen::MatrixXd exact = dense.llt().solve(right);
   for (const EnergyLanes* lanes : {energy_lanes_scalar(), &energy_lanes(*executor)}) {
@@ -120,13 +120,14 @@ TEST(SparseCholesky, IsTheSameFactorWhenOnlyThePartThatChangedIsMadeAnew) {
   std::vector<std::array<uint32_t, 2>> edges;
   for (const auto& [a, b] : box.edges) edges.push_back({place[a], place[b]});
   std::vector<float> diagonal(box.points.size(), 30), other;
-  const auto plan = std::make_shared<const FactorPlan>(dissection, edges, std::vector<float>(edges.size(), -1.0f));
+  const auto plan = std::make_shared<const FactorPlan>(dissection, edges);
+  const std::vector<float> entries(edges.size(), -1.0f);
   for (const auto& executor : {make_serial_executor(), make_cpu_executor(2)}) {
     const EnergyLanes& lanes = energy_lanes(*executor);
-    const SparseCholesky before(*executor, lanes, plan, diagonal);
+    const SparseCholesky before(*executor, lanes, plan, entries, diagonal);
     other = diagonal;
     for (const uint32_t p : {3u, 4u, 200u}) other[p] = 77;
-    const SparseCholesky renewed(*executor, lanes, before, other), whole(*executor, lanes, plan, other);
+    const SparseCholesky renewed(*executor, lanes, before, other), whole(*executor, lanes, plan, entries, other);
     std::vector<float> scratch(whole.scratch_floats());
     Buffer<Row4> x(whole.solve_rows()), y(whole.solve_rows());
     for (uint32_t p = 0; p < diagonal.size(); ++p) x.data_for_write()[p] = y.data_for_write()[p] = {1, static_cast<float>(p % 7), -2, 0};
@@ -141,8 +142,8 @@ TEST(SparseCholesky, RefusesAMatrixThatIsNotPositive) {
   const Dissection dissection = nested_dissection(box.points, box.edges, 100);
   const std::vector<float> entries(box.edges.size(), -1.0f), diagonal(box.points.size(), 0.5f);
   const auto executor = make_serial_executor();
-  const auto plan = std::make_shared<const FactorPlan>(dissection, box.edges, entries);
-  EXPECT_THROW(SparseCholesky(*executor, energy_lanes(*executor), plan, diagonal), Error);
+  const auto plan = std::make_shared<const FactorPlan>(dissection, box.edges);
+  EXPECT_THROW(SparseCholesky(*executor, energy_lanes(*executor), plan, entries, diagonal), Error);
 }
 
 }  // namespace sparse_cholesky_test
