@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 
@@ -65,8 +66,10 @@ class CollideSdf : public Node {
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
-    std::vector<const Sdf*> colliders;
-    for (size_t k = 0; k < context.count(sdf); ++k) colliders.push_back(&context.get(sdf, k));
+    std::array<const Sdf*, 32> few;  // a loop allocates nothing
+    std::vector<const Sdf*> many(context.count(sdf) > few.size() ? context.count(sdf) : 0);
+    const std::span<const Sdf*> colliders(many.empty() ? few.data() : many.data(), context.count(sdf));
+    for (size_t k = 0; k < colliders.size(); ++k) colliders[k] = &context.get(sdf, k);
     const Contacts* before = context.get(memory);
     if (before && before->memory && before->memory.size() != body.vertices())
       throw Error(ErrorCode::kInput, "the contact memory has " + std::to_string(before->memory.size()) + " entries for " + std::to_string(body.vertices()) + " vertices",
@@ -106,7 +109,7 @@ class CollideSdf : public Node {
     if (after.step == after.steps) after.stand_back.clear();
   }
 
-  void push(Context& context, const Surface& body, const std::vector<const Sdf*>& colliders, const Contacts* before) const {
+  void push(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const size_t n = body.vertices();
     Points moves{Buffer<Vec3f>(n, context.memory())};
@@ -143,7 +146,7 @@ class CollideSdf : public Node {
     context.set(report, std::move(figures_report));
   }
 
-  void project(Context& context, const Surface& body, const std::vector<const Sdf*>& colliders, const Contacts* before) const {
+  void project(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const size_t n = body.vertices();
     std::vector<Value> kept;
