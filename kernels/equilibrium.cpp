@@ -7,6 +7,7 @@
 #include "graph/error.h"
 #include "kernels/energy_lanes.h"
 #include "kernels/equilibrium_contacts.h"
+#include "kernels/gather_forces_body.h"
 #include "kernels/parallel.h"
 #include "kernels/rows.h"
 #include "kernels/simd_level.h"
@@ -38,47 +39,6 @@ struct ScopedTime {
   ~ScopedTime() { sum += std::chrono::duration<double>(Clock::now() - start).count(); }
   double& sum;
   Clock::time_point start = Clock::now();
-};
-
-// One place of H: the sum of what acts on it.
-struct Gather {
-  const Row4* forces;  // by slot
-  const uint32_t *slot_offsets, *slots;
-  const Row4* u;
-  const float *hold, *free;
-  const Row4* pushes;   // by place
-  const Row4* contact;  // by vertex of M, in addition; may be null
-  const uint32_t *back_offsets, *back_samples;
-  const float* back_weights;
-  Row4* gradient;
-
-  struct Sum {
-    double squares = 0, load = 0, energy = 0;
-  };
-
-  Sum operator()(uint32_t p) const {
-    Pack<4> sum{};
-    for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) sum += *reinterpret_cast<const Pack<4>*>(forces + slots[e]);
-    const Pack<4> at = *reinterpret_cast<const Pack<4>*>(u + p);
-    sum += at * hold[p];
-    Pack<4> push = *reinterpret_cast<const Pack<4>*>(pushes + p);
-    if (contact)
-      for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e)
-        push += *reinterpret_cast<const Pack<4>*>(contact + back_samples[e]) * back_weights[e];
-    sum = (sum + push) * free[p];
-    push = push * free[p];
-    *reinterpret_cast<Pack<4>*>(gradient + p) = sum;
-    const auto squared = [](const Pack<4>& v) { return static_cast<double>(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
-    return {squared(sum), squared(push), 0.5 * static_cast<double>(hold[p]) * squared(at)};
-  }
-};
-
-struct SquaredDistance {
-  const Row4 *a, *b;
-  float operator()(uint32_t p) const {
-    const Vec3f d = to_vec(a[p]) - to_vec(b[p]);
-    return dot(d, d);
-  }
 };
 
 struct Evaluation {
@@ -156,13 +116,13 @@ class Solver {
 
   void gather(Rows& u, Rows& gradient, Evaluation& at) {
     const SampleTable& s = rest_.samples;
-    const Gather body{forces_.data(),        rest_.slot_offsets.data(), rest_.slots.data(),    u.data(),
-                      rest_.hold.data(),     rest_.free.data(),         contacts_.pushes(),    contacts_.forces(),
-                      s.back_offsets.data(), s.back_samples.data(),     s.back_weights.data(), gradient.data()};
-    const Gather::Sum sum =
-        parallel_reduce(executor_, rest_.places, "gather_forces", Gather::Sum{}, body, [](const Gather::Sum& a, const Gather::Sum& b) {
-          return Gather::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
-        });
+    const GatherForces body{forces_.data(),        rest_.slot_offsets.data(), rest_.slots.data(),    u.data(),
+                            rest_.hold.data(),     rest_.free.data(),         contacts_.pushes(),    contacts_.forces(),
+                            s.back_offsets.data(), s.back_samples.data(),     s.back_weights.data(), gradient.data()};
+    const GatherForces::Sum sum = parallel_reduce(executor_, rest_.places, "gather_forces", GatherForces::Sum{}, body,
+                                                  [](const GatherForces::Sum& a, const GatherForces::Sum& b) {
+                                                    return GatherForces::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
+                                                  });
     at.gradient = std::sqrt(sum.squares);
     at.load = std::sqrt(sum.load);
     at.energy = elastic_energy_ + sum.energy + at.contact.energy;

@@ -36,8 +36,9 @@ Only ratios count: twice the stiffness everywhere is the same shape. So stiffnes
 
 It starts from rest and runs L-BFGS over one sparse Cholesky factor of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept. It ends when the forces
 balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
-left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where nothing touches, M comes out untouched. The same bits
-for any number of threads.)";
+left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where nothing touches, M comes out untouched. Over
+time the shape turns a corner when a vertex of M meets a collider; contact_samples halves it. An H whose factor would not fit memory_limit is refused.
+The same bits for any number of threads.)";
 
 ElasticTerm term_of(const std::string& name) {
   return name == "edges" ? ElasticTerm::kEdges : name == "corotated" ? ElasticTerm::kCorotated : ElasticTerm::kStableNeoHookean;
