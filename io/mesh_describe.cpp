@@ -8,28 +8,13 @@
 
 #include "io/mesh_crossings.h"
 #include "io/mesh_parts.h"
+#include "kernels/disjoint_sets.h"
 
 namespace knead {
 
 using mesh::counted;
 
 namespace {
-
-class UnionFind {
- public:
-  explicit UnionFind(size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0u); }
-  uint32_t find(uint32_t a) {
-    while (parent_[a] != a) a = parent_[a] = parent_[parent_[a]];
-    return a;
-  }
-  void join(uint32_t a, uint32_t b) {
-    a = find(a), b = find(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<uint32_t> parent_;
-};
 
 // A polygon's edge as seen from its smaller end.
 struct HalfEdge {
@@ -78,7 +63,7 @@ std::vector<HalfEdge> half_edges(const MeshTopology& topology, size_t vertices, 
 void examine_edges(const MeshTopology& topology, size_t vertices, Findings& found) {
   std::vector<uint32_t> starts;
   std::vector<HalfEdge> edges = half_edges(topology, vertices, starts);
-  UnionFind fans(topology.corners());
+  DisjointSets fans(topology.corners());
   for (size_t v = 0; v < vertices; ++v) {
     const auto first = edges.begin() + starts[v], last = edges.begin() + starts[v + 1];
     std::sort(first, last, [](const HalfEdge& a, const HalfEdge& b) { return std::tie(a.other, a.low_corner) < std::tie(b.other, b.low_corner); });
@@ -108,7 +93,7 @@ void examine_edges(const MeshTopology& topology, size_t vertices, Findings& foun
 void examine_pieces(const Surface& surface, Findings& found) {
   const MeshTopology& topology = *surface.topology;
   const auto points = surface.points.host();
-  UnionFind pieces(points.size());
+  DisjointSets pieces(points.size());
   for (size_t face = 0; face < topology.faces(); ++face)
     for (uint32_t c = topology.face_offsets[face] + 1; c < topology.face_offsets[face + 1]; ++c)
       pieces.join(topology.face_vertices[c - 1], topology.face_vertices[c]);

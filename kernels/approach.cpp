@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <vector>
 
 #include "kernels/collide_launch.h"
+#include "kernels/disjoint_sets.h"
 #include "kernels/mesh_distance.h"
 #include "kernels/parallel.h"
 
@@ -18,30 +18,16 @@ constexpr float kWrongWay = -0.3f;     // cosine with D below which the nearest 
 constexpr double kFarthest = 1.5;      // mean way out over the root of the patch's area as seen along D: a longer one follows the collider through the body
 constexpr double kOff = 1e-3;          // of the diagonal: rays start this far inside
 
-// Sets of vertices that triangles join.
-class Pieces {
- public:
-  explicit Pieces(size_t n) : above_(n) { std::iota(above_.begin(), above_.end(), 0u); }
-  uint32_t find(uint32_t v) {
-    while (above_[v] != v) v = above_[v] = above_[above_[v]];
-    return v;
+// Joins the ends of every triangle edge whose ends both are in.
+template <class In>
+DisjointSets joined(std::span<const uint32_t> triangles, size_t vertices, const In& in) {
+  DisjointSets sets(vertices);
+  for (size_t c = 0; c < triangles.size(); ++c) {
+    const uint32_t a = triangles[c], b = triangles[c % 3 == 2 ? c - 2 : c + 1];
+    if (in(a) && in(b)) sets.join(a, b);
   }
-  void join(uint32_t a, uint32_t b) {
-    a = find(a), b = find(b);
-    above_[std::max(a, b)] = std::min(a, b);
-  }
-  // Joins the ends of every triangle edge whose ends both are in.
-  template <class In>
-  void join_all(std::span<const uint32_t> triangles, const In& in) {
-    for (size_t c = 0; c < triangles.size(); ++c) {
-      const uint32_t a = triangles[c], b = triangles[c % 3 == 2 ? c - 2 : c + 1];
-      if (in(a) && in(b)) join(a, b);
-    }
-  }
-
- private:
-  std::vector<uint32_t> above_;
-};
+  return sets;
+}
 
 // One collider against M at rest.
 class Patch {
@@ -73,9 +59,8 @@ class Patch {
 
   void find_islands() {
     const size_t n = points_.size();
-    Pieces whole(n), cut(n);
-    whole.join_all(triangles_, [](uint32_t) { return true; });
-    cut.join_all(triangles_, [&](uint32_t v) { return !inside_[v]; });
+    DisjointSets whole = joined(triangles_, n, [](uint32_t) { return true; });
+    DisjointSets cut = joined(triangles_, n, [&](uint32_t v) { return !inside_[v]; });
     std::vector<uint32_t> size(n, 0), largest(n, 0);  // of the piece of a root; of the largest piece of a shell
     for (uint32_t v = 0; v < n; ++v)
       if (!inside_[v]) ++size[cut.find(v)];
@@ -130,6 +115,22 @@ class Patch {
     }) > 0;
   }
 
+  // How far y has to go along D to have left the collider that it is in, or the first time that it meets it, by steps of the distance. More than
+  // `most_far` when it does not meet it or is not out by then.
+  float way_through(const Vec3f& y, float most_far) const {
+    constexpr int kSteps = 96;
+    const Vec3f in = to_float(inwards_);
+    uint32_t nearest = 0;
+    bool inside = false;
+    for (float way = 0; way <= most_far;) {
+      const float phi = push_.distance(y + in * way, nearest);
+      if (inside && phi >= 0) return way;
+      inside = inside || phi < 0;
+      way += std::max(std::abs(phi), most_far / kSteps);
+    }
+    return 2 * most_far + 1;
+  }
+
   struct Ways {  // of the vertices that face D
     std::vector<uint32_t> vertices;
     std::vector<double> facing, way;  // area as seen along D; how far along D to be out of the collider, or -1 when that is not before the body ends
@@ -154,7 +155,7 @@ class Patch {
     for (size_t m = 0; m < ways.way.size(); ++m) thickness += ways.facing[m] * ways.way[m] / ways.all;
     const float reach = static_cast<float>(thickness);
     parallel_for(executor_, ways.way.size(), "approach_ways", [&](uint32_t m) {
-      const float way = push_.way_through(points_[ways.vertices[m]], to_float(inwards_), reach);
+      const float way = way_through(points_[ways.vertices[m]], reach);
       ways.way[m] = way <= reach ? way : -1;
     }, 64);
     return ways;

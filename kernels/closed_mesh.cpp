@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <tuple>
 
+#include "kernels/disjoint_sets.h"
 #include "kernels/winding_number.h"
 
 namespace knead {
@@ -16,22 +16,6 @@ bool finite(const Vec3f& p) { return std::isfinite(p.x) && std::isfinite(p.y) &&
 struct Edge {
   uint32_t low, high, triangle;
   bool forward;  // the triangle runs from low to high
-};
-
-class Sets {
- public:
-  explicit Sets(size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0u); }
-  uint32_t find(uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(uint32_t a, uint32_t b) {
-    a = find(a), b = find(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<uint32_t> parent_;
 };
 
 void copy_welded(std::span<const Vec3f> points, std::span<const uint32_t> triangles, ClosedMesh& mesh) {
@@ -145,7 +129,7 @@ struct Piece {
 };
 
 std::vector<Piece> find_pieces(const ClosedMesh& mesh) {
-  Sets sets(mesh.points.size());
+  DisjointSets sets(mesh.points.size());
   for (size_t t = 0; t < mesh.triangles.size(); t += 3) sets.join(mesh.triangles[t], mesh.triangles[t + 1]), sets.join(mesh.triangles[t], mesh.triangles[t + 2]);
   std::vector<uint32_t> number(mesh.points.size(), ~0u);
   std::vector<Piece> pieces;

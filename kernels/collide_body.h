@@ -71,27 +71,10 @@ struct CollidePush {
     return phi;
   }
 
-  // How far y has to go along `in` to have left the collider that it is in, or the first that it meets, by steps of the distance. More than `most_far`
-  // when it meets none or is not out by then.
-  static constexpr int kSteps = 96;
-  KNEAD_HD float way_through(const Vec3f& y, const Vec3f& in, float most_far) const {
-    const float least = most_far / kSteps;
-    uint32_t nearest = 0;
-    bool inside = false;
-    for (float way = 0; way <= most_far;) {
-      const float phi = distance(y + in * way, nearest);
-      if (inside && phi >= 0) return way;
-      inside = inside || phi < 0;
-      const float step = phi < 0 ? -phi : phi;
-      way += step > least ? step : least;
-    }
-    return 2 * most_far + 1;
-  }
-
   KNEAD_HD ContactFigures operator()(uint32_t i) const {
     const Vec3f y = points[i];
     uint32_t nearest = 0;
-    float phi = distance(y, nearest);
+    const float phi = distance(y, nearest);
     const float before = memory ? memory[i] : 0.0f;
     float lambda = before - rate * phi;
     lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;

@@ -46,6 +46,32 @@ TEST(Deform, LeavesNothingInsideTheCollider) {
   EXPECT_FALSE(report.word("ended").empty());
 }
 
+// The ball is in beyond its middle, so that the nearest way out for the body's top is up, through the ball. It has to come in from above and end in its
+// place: the top goes below it.
+TEST(Deform, LetsAColliderThatIsInDeepComeInFromOutside) {
+  GraphSpec graph;
+  graph.add("body", "primitive", {{"shape", "sphere"}, {"radius", 1.0}, {"resolution", 4}})
+      .add("ball", "primitive", {{"shape", "sphere"}, {"radius", 0.3}, {"resolution", 3}, {"centre", Literal::List{0.0, 0.85, 0.0}}})
+      .add("solid", "mesh_to_sdf", {{"mesh", "ball"}, {"voxel_size", 0.03}})
+      .add("press", "deform", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 5}});
+  const auto above = [&](bool way_in) {
+    CompileOptions options;
+    options.overrides.push_back({"press.press.push.way_in", way_in});
+    Evaluator evaluator(compile(graph, options));
+    const Surface body = evaluator.get<Surface>("body", 1), result = evaluator.get<Surface>("press.surface", 1);
+    EXPECT_EQ(evaluator.get<Report>("press.report", 1).number("vertices_inside"), 0);
+    size_t top = 0;
+    for (size_t i = 0; i < body.points.size(); ++i)
+      if (body.points.host()[i].y > body.points.host()[top].y) top = i;
+    const Vec3d at = result.placement.apply(to_double(result.points.host()[top]));
+    return std::pair(at.y, length(at - Vec3d{0, 0.85, 0}));
+  };
+  const auto [height, distance] = above(true);
+  EXPECT_LT(height, 0.65);
+  EXPECT_LT(distance, 0.32) << "the ball is in its place, and in contact";
+  EXPECT_GT(above(false).first, 1.05) << "the nearest way is the wrong one, or this test shows nothing";
+}
+
 TEST(Deform, KeepsPinnedVerticesInPlace) {
   GraphSpec graph = scene({{"pins", "low"}});
   graph.add("low", "weights",
