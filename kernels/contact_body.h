@@ -38,6 +38,8 @@ struct ContactEnergy {
   uint32_t samples;
   float margin;     // cells
   float stiffness;  // kc, per cell
+  float gap;        // where a push begins, cells; 0: at touch
+  float gentle;     // how steep the push is there, relative to `stiffness`
 
   static constexpr float kFar = 1e30f;
 
@@ -45,6 +47,25 @@ struct ContactEnergy {
     Vec3f move{0, 0, 0};
     for (uint32_t e = offsets[s]; e < offsets[s + 1]; ++e) move += weights[e] * to_vec(u[indices[e]]);
     return move;
+  }
+
+  // The push p, a length, that goes with t = lambda - phi, and its integral over t. A contact at rest (p = lambda) obeys
+  //   sqrt(p / (gentle gap)) + sqrt(phi / gap) = 1 while phi > 0: a push that grows from nothing as the gap closes, so that what a vertex does as it
+  // meets a collider is smooth in time; any push once there is none left. For gap = 0 that is p = max(0, t), lambda >= 0, phi >= 0.
+  struct Push {
+    float push = 0, energy = 0, slope = 0;  // slope: dp / dt
+  };
+  KNEAD_HD Push push_of(float t) const {
+    if (!(t > -gap)) return {};
+    const float straight = gentle * gap;  // from there on p = t
+    if (t >= straight) return {t, 0.5f * t * t + gap * straight / 6, 1};
+    const float rise = 1 + t / gap, r = rise / (1 + sqrtf(fmaxf(0.0f, 1 + (gentle - 1) * rise)));
+    return {straight * r * r, gap * straight * r * r * r * (0.5f * r * (gentle - 1) + 2.0f / 3), gentle * r / (gentle * r + 1 - r)};
+  }
+
+  static KNEAD_HD Vec3d to_index(const ColliderView& c, const Vec3d& y) {
+    return {c.matrix[0] * y.x + c.matrix[1] * y.y + c.matrix[2] * y.z + c.offset.x, c.matrix[3] * y.x + c.matrix[4] * y.y + c.matrix[5] * y.z + c.offset.y,
+            c.matrix[6] * y.x + c.matrix[7] * y.y + c.matrix[8] * y.z + c.offset.z};
   }
 
   // How far sample s may move without a push by any collider, to be on the safe side, cells; at most `skin`, which is within the colliders' bands.
@@ -55,7 +76,7 @@ struct ContactEnergy {
       const size_t at = static_cast<size_t>(k) * samples + s;
       if (exits && exits[at] >= 0) return 0;
       SdfSampler sampler(colliders[k].sdf);
-      const float room = sampler.least(CollidePush::to_index(colliders[k], y)) * colliders[k].scale - margin - memory[at];
+      const float room = sampler.least(CollidePush::to_index(colliders[k], y)) * colliders[k].scale - margin - gap - memory[at];
       least = room < least ? room : least;
     }
     return least > 0 ? least : 0.0f;
@@ -69,7 +90,8 @@ struct ContactEnergy {
       for (uint32_t k = 0; k < count; ++k) distance[static_cast<size_t>(k) * samples + s] = kFar;
       return sum;
     }
-    const Vec3f move = moved(s), y = rest[s] + move;
+    const Vec3f move = moved(s);
+    const Vec3d y = to_double(rest[s]) + to_double(move);
     Vec3f push{0, 0, 0};
     for (uint32_t k = 0; k < count; ++k) {
       const ColliderView& c = colliders[k];
@@ -77,20 +99,21 @@ struct ContactEnergy {
       const float lambda = memory[at], to_cells = c.scale;
       float phi = kFar;
       SdfSampler sampler(c.sdf);
-      const Vec3f p = CollidePush::to_index(c, y);
+      const Vec3d p = to_index(c, y);
       Vec3f slope{0, 0, 0};
       const bool by_entry = exits && exits[at] >= 0;
       if (by_entry)
         phi = dot(entry[k], move) - exits[at];
-      else if (sampler.reaches(p, (lambda + margin) / to_cells))
+      else if (sampler.reaches(to_float(p), (lambda + gap + margin) / to_cells))
         phi = sampler.spline(p, slope) * to_cells - margin;
       distance[at] = phi;
-      const float next = lambda > phi ? lambda - phi : 0.0f, change = next > lambda ? next - lambda : lambda - next;
+      const Push next = push_of(lambda - phi);
+      const float change = next.push > lambda ? next.push - lambda : lambda - next.push;
       sum.change = change > sum.change ? change : sum.change;
       sum.deepest = -phi > sum.deepest ? -phi : sum.deepest;
-      if (next > 0) {  // phi < lambda
-        const float pull = stiffness * area[s] * next;
-        sum.energy += 0.5 * static_cast<double>(pull) * static_cast<double>(next);
+      if (next.push > 0) {
+        const float pull = stiffness * area[s] * next.push;
+        sum.energy += static_cast<double>(stiffness * area[s]) * static_cast<double>(next.energy);
         ++sum.active;
         push -= by_entry ? pull * entry[k] : (pull * c.scale) * CollidePush::from_index(c, slope);
       }

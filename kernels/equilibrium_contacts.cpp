@@ -11,6 +11,8 @@ namespace {
 
 constexpr float kSkin = 3;          // cells: samples as near as this to a collider are listed
 constexpr double kBulk = 10;        // stiffness of the enclosed volume over the body's own; the memory does the rest
+constexpr double kGapPressure = 0.5;  // up to which a contact keeps some of its gap, over the body's own stiffness
+constexpr float kMostOfBand = 0.5f;    // of a field's outside band that the gap may take
 constexpr size_t kFewSamples = 64;  // per piece: a sample in contact costs a look at 27 voxels
 constexpr double kOneSide = 0.3;    // of their area: how far the samples inside a collider must agree on the way in
 
@@ -50,12 +52,16 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.samples = static_cast<uint32_t>(s.size());
   body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
+  body_.gap = static_cast<float>(settings.gap * rest_.diagonal);
   const Similarity to_world = placement * rest_.to_local;
   for (size_t k = 0; k < colliders.size(); ++k) {
     check_margin(*colliders[k], placement, settings.margin, k);
     body_.colliders[k] = view_collider(*colliders[k], executor_.device(), to_world);
-    skin_ = std::min(skin_, colliders[k]->outside_band * body_.colliders[k].scale);
+    const float band = colliders[k]->outside_band * body_.colliders[k].scale;
+    skin_ = std::min(skin_, band);
+    body_.gap = std::min(body_.gap, std::max(0.0f, kMostOfBand * (band - body_.margin)));
   }
+  body_.gentle = static_cast<float>(kGapPressure * (1 + rest_.bulk) / std::max(1e-20, static_cast<double>(body_.gap) * body_.stiffness));
 }
 
 ContactSum EquilibriumContacts::evaluate(const Row4* u, float travelled) {
@@ -135,7 +141,7 @@ void EquilibriumContacts::update_memory() {
   float* memory = memory_.data_for_write();
   const float* distance = distance_.host().data();
   for (size_t i = 0; i < body_.count * samples(); ++i) {
-    memory[i] = std::max(0.0f, memory[i] - distance[i]);
+    memory[i] = body_.push_of(memory[i] - distance[i]).push;
     if (memory[i] > 0) slack_[i % samples()] = 0;
   }
   volume_memory_ += volume_error_;
@@ -143,6 +149,7 @@ void EquilibriumContacts::update_memory() {
 
 void EquilibriumContacts::stiffen(float by) {
   body_.stiffness *= by;
+  body_.gentle /= by;
   float* memory = memory_.data_for_write();
   for (size_t i = 0; i < body_.count * samples(); ++i) memory[i] /= by;
 }
@@ -152,8 +159,9 @@ void EquilibriumContacts::add_to(std::span<float> diagonal, float share) const {
   const float *memory = memory_.host().data(), *distance = distance_.host().data();
   for (size_t k = 0; k < body_.count; ++k)
     for (const uint32_t i : list_) {
-      if (!(distance[k * s.size() + i] < memory[k * s.size() + i])) continue;
-      const float weight = share * body_.stiffness * s.area[i];
+      const float slope = body_.push_of(memory[k * s.size() + i] - distance[k * s.size() + i]).slope;
+      if (!(slope > 0)) continue;
+      const float weight = share * slope * body_.stiffness * s.area[i];
       for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
         if (rest_.free[s.indices[e]] != 0) diagonal[s.indices[e]] += weight * s.weights[e];
     }

@@ -61,12 +61,13 @@ class SdfSampler {
     return sum;
   }
 
-  KNEAD_HD float spline(const Vec3f& p, Vec3f& gradient) {
+  // In double up to the voxel: the place in a voxel is all that counts, and energies see its rounding.
+  KNEAD_HD float spline(const Vec3d& p, Vec3f& gradient) {
     gradient = {0, 0, 0};
-    if (!within(p)) return accessor_.root().background();
-    const float fx = std::floor(p.x + 0.5f), fy = std::floor(p.y + 0.5f), fz = std::floor(p.z + 0.5f);
+    if (!within(to_float(p))) return accessor_.root().background();
+    const double fx = std::floor(p.x + 0.5), fy = std::floor(p.y + 0.5), fz = std::floor(p.z + 0.5);
     const Block block(accessor_, static_cast<int>(fx) - 1, static_cast<int>(fy) - 1, static_cast<int>(fz) - 1);
-    const Quadratic x(p.x - fx), y(p.y - fy), z(p.z - fz);
+    const Quadratic x(static_cast<float>(p.x - fx)), y(static_cast<float>(p.y - fy)), z(static_cast<float>(p.z - fz));
     float value = 0;
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b < 3; ++b) {

@@ -30,14 +30,15 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
            kept: 0.45 lets flesh give a little; nearer to 0.5 is slower. What M encloses as a whole is kept by `keep_volume`
   hold     a pull to rest, `hold`, over the body: 0 lets a free body be pushed aside as a whole, 20 keeps it, 200 keeps dents local. `pins` hold for good.
   contact  every vertex of M outside every collider: a stiff push with a memory (augmented Lagrangian), so that it ends exact, not merely stiff.
-           `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider.
+           `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The push begins a little way outside, at
+           `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps some gap.
 
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
 It starts from rest and runs L-BFGS over one sparse Cholesky factor of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept. It ends when the forces
 balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
-left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where nothing touches, M comes out untouched. Over
-time the shape turns a corner when a vertex of M meets a collider; contact_samples halves it. An H whose factor would not fit memory_limit is refused.
+left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where no collider is nearer than the gap, M comes out
+untouched. An H whose factor would not fit memory_limit is refused.
 The same bits for any number of threads.)";
 
 ElasticTerm term_of(const std::string& name) {
@@ -70,6 +71,10 @@ class Equilibrium : public Node {
       {.min = 0, .max = 16, .doc = "subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only"}};
   Param<double> contact{
       this, "contact", EquilibriumSettings{}.contact, {.min = 1e-3, .max = 1e3, .doc = "stiffness of a contact before its memory fills"}};
+  Param<double> contact_gap{this,
+                            "contact_gap",
+                            EquilibriumSettings{}.gap,
+                            {.min = 0, .max = 0.1, .unit = "diagonals", .doc = "how far outside a collider its push begins; 0: at touch, not smooth in time"}};
   Param<int> max_iterations{this, "max_iterations", EquilibriumSettings{}.max_iterations, {.min = 1, .doc = "after which it ends in any case"}};
   Param<double> threshold{
       this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
@@ -109,6 +114,7 @@ class Equilibrium : public Node {
     settings.memory_interval = memory_interval();
     settings.memory_gradient = memory_gradient();
     settings.margin = margin() / body.placement.scale;
+    settings.gap = contact_gap();
     settings.check_cancelled = [&] { context.check_cancelled(); };
     EquilibriumFigures figures;
     const Buffer<Vec3f> moved = solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures);

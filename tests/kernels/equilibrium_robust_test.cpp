@@ -143,6 +143,25 @@ TEST(EquilibriumRobust, TakesCollidersThatSwallowOrMissOrSqueeze) {
   EXPECT_EQ(pressed.tets.id(), pressed.built.tets.rest.id());
 }
 
+// The ball goes down by 1/1000 of the diagonal a frame. Without a gap the largest second difference here is 12 % of a step.
+TEST(EquilibriumRobust, IsSmoothInTime) {
+  const Surface body = make_sphere(1, 4);
+  Pressed pressed(body, {}, 4);
+  const double step = 1e-3 * body.diagonal();
+  std::vector<std::vector<Vec3f>> frames;
+  for (int frame = 0; frame < 8; ++frame) {
+    const Sdf above = ball(0.5, {0.05, 1.15 - step * frame, 0.02});
+    pressed.by({&above}, "frame " + std::to_string(frame));
+    EXPECT_EQ(pressed.figures.ended, "rest");
+    frames.emplace_back(pressed.points.host().begin(), pressed.points.host().end());
+  }
+  float most = 0;
+  for (size_t f = 1; f + 1 < frames.size(); ++f)
+    for (size_t i = 0; i < frames[f].size(); ++i)
+      most = std::max(most, length(frames[f - 1][i] - 2.0f * frames[f][i] + frames[f + 1][i]));
+  EXPECT_LT(static_cast<double>(most), 0.05 * step);
+}
+
 TEST(EquilibriumRobust, TakesPinsEverywhereAndNothingThatHolds) {
   const Surface sphere = make_sphere(1, 2);
   const Sdf collider = ball(0.5, {0, 1.2, 0}), other = ball(0.5, {0, -1.2, 0});
