@@ -42,16 +42,22 @@ class Patch {
   }
   bool hit() const { return hit_ > 0; }
 
-  Vec3d stand_back(FunctionRef<const MeshDistance&()> rest_mesh) {
+  WayIn way_in(FunctionRef<const MeshDistance&()> rest_mesh) {
+    WayIn way;
     find_islands();
     find_normals();
-    if (!find_direction()) return {0, 0, 0};
+    way.undecided = islands_ > 0;
+    if (!find_direction()) return way;
     if (islands_ > 0) {
       drop_free_islands(rest_mesh());
-      if (!find_direction()) return {0, 0, 0};
+      if (!find_direction()) return way;
     }
-    if (islands_ == 0 && !leads_astray()) return {0, 0, 0};
-    return -longest_way(rest_mesh()) * inwards_;
+    way.undecided = islands_ > 0 || leads_astray();
+    if (!way.undecided) return way;
+    way.direction = inwards_;
+    way.length = longest_way(rest_mesh());
+    way.undecided = way.length == 0;
+    return way;
   }
 
  private:
@@ -203,17 +209,26 @@ class Patch {
 
 }  // namespace
 
-std::vector<Vec3d> stand_back(Executor& executor, const CollideInput& input, std::span<const uint32_t> triangles, FunctionRef<const MeshDistance&()> rest_mesh) {
-  if (triangles.empty()) return {};
-  std::vector<Vec3d> shifts;
-  bool any = false;
+std::vector<WayIn> ways_in(Executor& executor, const CollideInput& input, std::span<const uint32_t> triangles, FunctionRef<const MeshDistance&()> rest_mesh) {
+  std::vector<WayIn> ways;
   for (const Sdf* const& collider : input.colliders) {
+    ways.emplace_back();
+    if (triangles.empty()) continue;
     CollideInput one = input;
     one.colliders = std::span(&collider, 1);
     one.shifts = {};
     Patch patch(executor, one, triangles);
-    shifts.push_back(patch.hit() ? patch.stand_back(rest_mesh) : Vec3d{0, 0, 0});
-    any = any || length(shifts.back()) > 0;
+    if (patch.hit()) ways.back() = patch.way_in(rest_mesh);
+  }
+  return ways;
+}
+
+std::vector<Vec3d> stand_back(Executor& executor, const CollideInput& input, std::span<const uint32_t> triangles, FunctionRef<const MeshDistance&()> rest_mesh) {
+  std::vector<Vec3d> shifts;
+  bool any = false;
+  for (const WayIn& way : ways_in(executor, input, triangles, rest_mesh)) {
+    shifts.push_back(-way.length * way.direction);
+    any = any || way.length > 0;
   }
   return any ? shifts : std::vector<Vec3d>();
 }

@@ -123,11 +123,12 @@ struct ContactEnergy {
   }
 };
 
-// How far along the way in a sample that is inside at rest comes out of the collider again. A sphere as wide as the depth is free of walls, so steps
-// are that long.
+// How far along the way in a sample must go from rest to be out of the collider again: the one that it began inside, or that it meets within `reach`. A
+// sphere as wide as the distance is free of walls, so steps are that long.
 struct ContactExit {
   ContactEnergy contact;
   uint32_t collider;
+  float reach;   // cells
   float* exits;  // [samples] of this collider
 
   KNEAD_HD void operator()(uint32_t s) const {
@@ -135,15 +136,17 @@ struct ContactExit {
     const float to_cells = c.scale, least = 0.02f * c.sdf.voxel * to_cells;
     SdfSampler sampler(c.sdf);
     Vec3f y = contact.rest[s];
+    bool inside = false;
     float gone = 0;
-    for (int step = 0; step < 200; ++step) {
+    for (int step = 0; step < 400; ++step) {
       const float phi = sampler.value(CollidePush::to_index(c, y)) * to_cells - contact.margin;
-      if (phi >= 0) break;
-      const float along = -phi > least ? -phi : least;
+      if (phi >= 0 && (inside || gone >= reach)) break;
+      inside = inside || phi < 0;
+      const float size = phi < 0 ? -phi : phi, along = size > least ? size : least;
       gone += along;
       y += along * contact.entry[collider];
     }
-    exits[s] = gone > 0 ? gone : -1.0f;
+    exits[s] = inside ? gone : -1.0f;
   }
 };
 

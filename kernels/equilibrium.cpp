@@ -20,6 +20,8 @@ constexpr int kBulkInterval = 10;                           // iterations betwee
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
 constexpr int kRenewal = 5;                                 // the iteration at which the contacts are as good as known
+constexpr double kStride = 0.005;                           // of M's diagonal: how far a collider that stands back comes in an iteration,
+constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr int kDeformedRenewal = 15;                        // the iteration at which the metric follows the body's deformation,
 constexpr double kDeformed = 0.15;                          // when its energy is above this, over the sum of mu V0
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
@@ -73,16 +75,19 @@ class Solver {
   Buffer<Vec3f> run() {
     const Clock::time_point start = Clock::now();
     Evaluation now = evaluate(u_, gradient_);
-    if (now.contact.active == 0) {
-      figures_.ended = "no contact";
-      return rest_.rest;
-    }
-    if (contacts_.find_entries()) {
+    if (length(settings_.entry) == 0) figures_.enclosed = contacts_.enclosed();
+    if ((now.contact.active > 0 || length(settings_.entry) > 0) && contacts_.find_entries(settings_.entry)) {
+      come_in(now);
       listed_ = false;
       now = evaluate(u_, gradient_);
     }
-    renew_metric();
+    if (now.contact.active == 0 && figures_.iterations == 0) {
+      figures_.ended = "no contact";
+      return rest_.rest;
+    }
+    if (!factor_) renew_metric();
     descend(now);
+    figures_.undecided = contacts_.undecided();
     figures_.volume = contacts_.volume_error();
     figures_.gradient = relative(now);
     figures_.penetration = now.contact.deepest / rest_.diagonal;
@@ -275,45 +280,61 @@ class Solver {
     return false;
   }
 
+  // One iteration of L-BFGS. False when no step goes down any more.
+  bool iterate(Evaluation& now) {
+    if (settings_.check_cancelled) settings_.check_cancelled();
+    for (bool fresh = pairs_ == 0;; fresh = true) {
+      make_direction();
+      const double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
+      Evaluation next;
+      if (slope < 0 && search(now, slope, next)) {
+        ++figures_.iterations;
+        figures_.step = farthest(trial_, u_) / rest_.diagonal;
+        remember();
+        std::swap(u_, trial_);
+        std::swap(gradient_, trial_gradient_);
+        now = next;
+        return true;
+      }
+      pairs_ = 0;
+      now = evaluate(u_, gradient_);
+      if (fresh) return false;
+    }
+  }
+
+  // Colliders that stand back come to their places.
+  void come_in(Evaluation& now) {
+    const int steps = static_cast<int>(std::ceil(contacts_.longest_way() / (kStride * rest_.diagonal)));
+    for (int step = 1; step <= steps; ++step) {
+      contacts_.stand_back(1 - static_cast<double>(step) / steps);
+      listed_ = false;
+      now = evaluate(u_, gradient_);
+      if (now.contact.active == 0) continue;
+      if (step % kWayRenewal == 0 || !factor_) renew_metric();
+      iterate(now);
+    }
+    figures_.way_in = figures_.iterations;
+    if (steps > 0) renew_metric();
+  }
+
   void descend(Evaluation& now) {
     int since_update = 0;
     figures_.ended = "iterations";
-    while (figures_.iterations < settings_.max_iterations) {
-      if (settings_.check_cancelled) settings_.check_cancelled();
-      if (figures_.iterations == kRenewal) {
+    for (int done = 0; done < settings_.max_iterations; ++done) {
+      if (done == kRenewal) {
         if (contacts_.by_entries()) {  // the shape has the right side by now
           contacts_.forget_entries();
-          evaluate_again(now);
+          now = evaluate(u_, gradient_);
         }
         renew_metric();
       }
-      if (figures_.iterations == kDeformedRenewal) renew_for_deformation();
-      if (figures_.iterations % kBulkInterval == 0 && figures_.iterations > 0) renew_bulk();
-      make_direction();
-      double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
-      if (!(slope < 0) && pairs_ > 0) {
-        pairs_ = 0;
-        make_direction();
-        slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
-      }
-      Evaluation next;
-      if (!(slope < 0) || !search(now, slope, next)) {
-        if (pairs_ > 0) {
-          pairs_ = 0;
-          evaluate_again(now);
-          continue;
-        }
+      if (done == kDeformedRenewal) renew_for_deformation();
+      if (done % kBulkInterval == 0 && done > 0) renew_bulk();
+      if (!iterate(now)) {
         figures_.ended = "stalled";
-        evaluate_again(now);
         return;
       }
-      ++figures_.iterations;
       ++since_update;
-      figures_.step = farthest(trial_, u_) / rest_.diagonal;
-      remember();
-      std::swap(u_, trial_);
-      std::swap(gradient_, trial_gradient_);
-      now = next;
       const double change = now.contact.change / rest_.diagonal;
       const bool settled = !contacts_.by_entries() && std::abs(contacts_.volume_error()) <= kVolume && relative(now) <= settings_.gradient &&
                            figures_.step <= settings_.displacement;
@@ -328,8 +349,6 @@ class Solver {
       }
     }
   }
-
-  void evaluate_again(Evaluation& now) { now = evaluate(u_, gradient_); }
 
   Buffer<Vec3f> positions() {
     Buffer<Vec3f> moved(rest_.places, executor_.memory());

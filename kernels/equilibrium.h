@@ -44,7 +44,7 @@ struct RestFigures {
 const RestFigures& figures_of(const EquilibriumRest& rest);
 
 struct EquilibriumSettings {
-  int max_iterations = 150;
+  int max_iterations = 150;       // beside those of the way in
   double gradient = 1e-3;         // at rest when the sum of forces is below this part of the contact forces,
   double displacement = 1e-4;     // when the last step moved no vertex of H further than this part of M's diagonal,
   double penetration = 1e-4;      // and when no contact is off by more than this part of M's diagonal
@@ -53,11 +53,15 @@ struct EquilibriumSettings {
   int memory_interval = 15;       // iterations after which the contact memory is updated in any case
   double memory_gradient = 0.03;  // or when the relative gradient is below this
   double margin = 0;              // M's local units
+  Vec3d entry{0, 0, 0};           // the way that the colliders came in, world; zero: told from the rest shape
   std::function<void()> check_cancelled;
 };
 
 struct EquilibriumFigures {
   int iterations = 0, evaluations = 0, updates = 0, factors = 0;
+  int way_in = 0;           // iterations that the colliders needed to come in from outside (kernels/approach.h), of all
+  size_t undecided = 0;     // colliders that are in so deep that their side cannot be told: the nearest way out was taken
+  size_t enclosed = 0;      // colliders that lie inside M at rest without touching it: nothing says that they should
   std::string ended;        // rest, iterations, stalled, no contact
   double gradient = 0;      // relative to the contact forces
   double step = 0;          // the last one's largest displacement over M's diagonal

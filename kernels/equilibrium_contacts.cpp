@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "graph/error.h"
+#include "kernels/approach.h"
 #include "kernels/collide.h"
 #include "kernels/parallel.h"
 
@@ -22,6 +23,9 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
                                          std::span<const Sdf* const> colliders, const EquilibriumSettings& settings)
     : executor_(executor),
       rest_(rest),
+      placement_(placement),
+      colliders_(colliders),
+      margin_(settings.margin),
       force_(rest.samples.size() + 1),
       push_(rest.rows),
       now_(rest.samples.vertices + 1),
@@ -113,28 +117,82 @@ void EquilibriumContacts::list_samples(const Row4* u) {
   body_.list = list_.data();
 }
 
-bool EquilibriumContacts::find_entries() {
+// The mean of the rest normals of what is inside collider k, turned inwards; zero when they do not agree.
+Vec3d EquilibriumContacts::against_patch(size_t k) const {
   const SampleTable& s = rest_.samples;
-  const float* distance = distance_.host().data();
+  const float* distance = distance_.host().data() + k * s.size();
+  Vec3d facing{0, 0, 0};
+  double area = 0;
+  for (size_t i = 0; i < s.size(); ++i)
+    if (distance[i] < 0) {
+      facing += to_double(s.outward[i]);
+      area += length(to_double(s.outward[i]));
+    }
+  const double size = length(facing);
+  return size > kOneSide * area && area > 0 ? (-1 / size) * facing : Vec3d{0, 0, 0};
+}
+
+bool EquilibriumContacts::find_entries(const Vec3d& given) {
+  const SampleTable& s = rest_.samples;
   exits_.assign(body_.count * s.size(), -1.0f);
+  std::vector<WayIn> ways(body_.count);
+  if (rest_.surface.topology) {
+    CollideInput input;
+    input.points = rest_.surface.points.host();
+    input.placement = placement_;
+    input.colliders = colliders_;
+    input.margin = margin_;
+    ways = ways_in(executor_, input, rest_.surface.topology->triangles, [&]() -> const MeshDistance& { return rest_.searchable(executor_); });
+  }
+  places_.assign(body_.colliders, body_.colliders + body_.count);
+  ways_.assign(body_.count, Vec3d{0, 0, 0});
   bool any = false;
   for (uint32_t k = 0; k < body_.count; ++k) {
-    Vec3d facing{0, 0, 0};
-    double area = 0;
-    for (size_t i = 0; i < s.size(); ++i)
-      if (distance[k * s.size() + i] < 0) {
-        facing += to_double(s.outward[i]);
-        area += length(to_double(s.outward[i]));
-      }
-    const double size = length(facing);
-    if (!(size > kOneSide * area) || area == 0) continue;
-    body_.entry[k] = to_float((-1 / size) * facing);
-    const ContactExit body{body_, k, exits_.data() + k * s.size()};
-    parallel_for(executor_, s.size(), "contact_exit", body, kFewSamples);
+    float* exits = exits_.data() + k * s.size();
+    const bool is_given = length(given) > 0;
+    undecided_ += !is_given && ways[k].undecided;
+    if (!is_given && ways[k].length > 0) {
+      ways_[k] = (ways[k].length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(ways[k].direction);
+      continue;
+    }
+    const Vec3d entry = is_given ? (1 / length(given)) * (placement_ * rest_.to_local).inverse().rotate(given) : against_patch(k);
+    if (length(entry) == 0) continue;
+    body_.entry[k] = to_float(entry);
+    parallel_for(executor_, s.size(), "contact_exit", ContactExit{body_, k, is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits}, kFewSamples);
     any = true;
+    if (!is_given) continue;
+    ways_[k] = static_cast<double>(std::max(0.0f, *std::max_element(exits, exits + s.size()))) * entry;
+    std::fill_n(exits, s.size(), -1.0f);
   }
   body_.exits = any ? exits_.data() : nullptr;
-  return any;
+  return any || longest_way() > 0;
+}
+
+size_t EquilibriumContacts::enclosed() const {
+  if (!rest_.surface.topology || rest_.surface.topology->triangles.empty()) return 0;
+  size_t count = 0;
+  for (size_t k = 0; k < colliders_.size(); ++k) {
+    const float* distance = distance_.host().data() + k * samples();
+    if (std::any_of(distance, distance + samples(), [](float phi) { return phi < 0; })) continue;
+    count += rest_.searchable(executor_).inside(rest_.to_local.apply(to_double(body_.colliders[k].centre)));
+  }
+  return count;
+}
+
+double EquilibriumContacts::longest_way() const {
+  double longest = 0;
+  for (const Vec3d& way : ways_) longest = std::max(longest, length(way));
+  return longest;
+}
+
+void EquilibriumContacts::stand_back(double share) {
+  for (size_t k = 0; k < ways_.size(); ++k) {
+    const Vec3f shift = to_float(-share * ways_[k]);
+    ColliderView& view = body_.colliders[k];
+    view = places_[k];
+    view.offset = CollidePush::to_index(view, -shift);
+    view.centre += shift;
+  }
 }
 
 void EquilibriumContacts::update_memory() {

@@ -25,9 +25,13 @@ class EquilibriumContacts {
   void list_samples(const Row4* u);
   float skin() const { return skin_; }
 
-  // A collider whose samples agree on where it came from holds the samples that began inside it by the way in, not by the nearest way out. Whether
-  // there is one; call at rest, after evaluate.
-  bool find_entries();
+  // Where colliders came in: by `given` (world; zero: not given), else as kernels/approach.h finds it: these can stand back. Else by the normals of what is
+  // inside, if these agree: its samples are held by the way in, not by the nearest way out. Whether there is one; call at rest, after evaluate.
+  bool find_entries(const Vec3d& given);
+  size_t undecided() const { return undecided_; }  // colliders of which neither says where they came in
+  size_t enclosed() const;        // colliders that lie in M at rest and touch nothing; call at rest, after evaluate
+  double longest_way() const;     // of those that can stand back, cells
+  void stand_back(double share);  // by this share of their ways
   bool by_entries() const { return body_.exits != nullptr; }
   void forget_entries() { body_.exits = nullptr; }
 
@@ -46,18 +50,25 @@ class EquilibriumContacts {
   void volume_gradient(Row4* by_place) const;
 
  private:
+  Vec3d against_patch(size_t collider) const;
   double add_volume();
   void spread();
   size_t samples() const { return rest_.samples.size(); }
 
   Executor& executor_;
   const EquilibriumRest& rest_;
+  const Similarity placement_;
+  const std::span<const Sdf* const> colliders_;
+  const double margin_;  // M's local units
   ContactEnergy body_{};
   Buffer<Row4> force_, push_, now_, volume_gradient_;
   Buffer<float> memory_, distance_;
+  std::vector<ColliderView> places_;  // where the colliders are in the end
+  std::vector<Vec3d> ways_;           // along which they come there
   std::vector<float> slack_, exits_;
   std::vector<uint32_t> list_, pushed_;  // samples that may push; places that are pushed
   float skin_;
+  size_t undecided_ = 0;
   double rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0;
 };
 

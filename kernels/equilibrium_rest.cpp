@@ -189,6 +189,7 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.rows = (n + 15) / 16 * 16;
   rest.rest = tets.rest;
   rest.to_local = lattice.to_local;
+  rest.surface = lattice.rest;
   rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
 
   Assembly a{tets,
@@ -247,6 +248,11 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.figures.factor_seconds = seconds_since(before_factor);
   rest.figures.seconds = seconds_since(start);
   return made;
+}
+
+const MeshDistance& EquilibriumRest::searchable(Executor& executor) const {
+  std::call_once(searchable_once_, [&] { searchable_ = std::make_unique<MeshDistance>(surface.points.host(), surface.topology->triangles, &executor); });
+  return *searchable_;
 }
 
 const RestFigures& figures_of(const EquilibriumRest& rest) {

@@ -1,9 +1,11 @@
 // The tables behind kernels/equilibrium.h. All of H's vertices are numbered by their places in the factor's elimination order.
 #pragma once
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "kernels/equilibrium.h"
+#include "kernels/mesh_distance.h"
 #include "kernels/sparse_cholesky.h"
 
 namespace knead {
@@ -43,6 +45,8 @@ class EquilibriumRest {
   double bulk = 0;                          // Lame's first parameter over the body, for the enclosed volume
   double diagonal = 0;                      // of M, cells
   Similarity to_local;                      // tet space to M's local space
+  Surface surface;                          // M
+  const MeshDistance& searchable(Executor& executor) const;  // M, for ray casts: made when it is first asked for
   double contact_scale = 1;                 // kc of `contact` = 1, per cell
   std::vector<float> metric_diagonal;       // P's, by place
   std::unique_ptr<SparseCholesky> factor;   // of P without contacts
@@ -52,6 +56,10 @@ class EquilibriumRest {
   // Hessian is taken as mu n_i.n_j + lambda (C n_i).(C n_j), the same for x, y and z, with n the gradients of the shape functions and C the
   // cofactors of the deformation, which turn and stretch with it.
   void metric_at(const Row4* u, std::vector<float>& entries, std::vector<float>& diagonal) const;
+
+ private:
+  mutable std::once_flag searchable_once_;
+  mutable std::unique_ptr<MeshDistance> searchable_;
 };
 
 // Samples of the surface that `lattice` binds, in places of the elimination order: `steps` subdivisions of a triangle's sides, below 2 vertices only.

@@ -33,6 +33,11 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
            `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The push begins a little way outside, at
            `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps some gap.
 
+Which side of a collider the flesh is on is told from M at rest: by the normals of what is inside the collider, or, when it is in deeper than its middle, by a
+way in along which it then comes in over the first iterations (`way_in_iterations`). `entry` says it for certain: with it a ball can be swept into a body until
+it is out of sight. The report counts `undecided_colliders`, where the nearest way out was taken, and `enclosed_colliders`, which lie in the body and
+touch nothing, as bones do.
+
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
 It starts from rest and runs L-BFGS over one sparse Cholesky factor of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept. It ends when the forces
@@ -64,6 +69,8 @@ class Equilibrium : public Node {
       this, "keep_volume", EquilibriumMaterial{}.keep_volume, {.doc = "M as a whole keeps the volume that it encloses; closed surfaces only"}};
   Param<double> hold{this, "hold", EquilibriumMaterial{}.hold, {.min = 0, .doc = "pull to rest, relative to stiffness over the diagonal squared"}};
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
+  Param<Triple> entry{
+      this, "entry", {0, 0, 0}, {.doc = "the way that the colliders came in, world; [0, 0, 0]: told from M at rest, where it can be told"}};
   Param<int> contact_samples{
       this,
       "contact_samples",
@@ -92,7 +99,9 @@ class Equilibrium : public Node {
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
   Out<Report> report{
-      this, "report", {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), least_tet_volume, times"}};
+      this, "report",
+                     {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), undecided_colliders, "
+                             "enclosed_colliders, least_tet_volume, times"}};
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
@@ -115,6 +124,7 @@ class Equilibrium : public Node {
     settings.memory_gradient = memory_gradient();
     settings.margin = margin() / body.placement.scale;
     settings.gap = contact_gap();
+    settings.entry = {entry()[0], entry()[1], entry()[2]};
     settings.check_cancelled = [&] { context.check_cancelled(); };
     EquilibriumFigures figures;
     const Buffer<Vec3f> moved = solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures);
@@ -162,6 +172,9 @@ class Equilibrium : public Node {
     Report report;
     report.set("ended", figures.ended);
     report.set("iterations", figures.iterations);
+    report.set("way_in_iterations", figures.way_in);
+    report.set("undecided_colliders", static_cast<double>(figures.undecided));
+    report.set("enclosed_colliders", static_cast<double>(figures.enclosed));
     report.set("evaluations", figures.evaluations);
     report.set("memory_updates", figures.updates);
     report.set("gradient", figures.gradient);
