@@ -20,7 +20,7 @@ constexpr int kBulkInterval = 10;                           // iterations betwee
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
 constexpr int kRenewal = 5;                                 // the iteration at which the contacts are as good as known
-constexpr double kStride = 0.005;                           // of M's diagonal: how far a collider that stands back comes in an iteration,
+constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr int kDeformedRenewal = 15;                        // the iteration at which the metric follows the body's deformation,
 constexpr double kDeformed = 0.15;                          // when its energy is above this, over the sum of mu V0

@@ -15,6 +15,7 @@ constexpr double kBulk = 10;        // stiffness of the enclosed volume over the
 constexpr double kGapPressure = 0.5;  // up to which a contact keeps some of its gap, over the body's own stiffness
 constexpr float kMostOfBand = 0.5f;    // of a field's outside band that the gap may take
 constexpr size_t kFewSamples = 64;  // per piece: a sample in contact costs a look at 27 voxels
+constexpr double kDeep = 2.1;          // a way in that is so many times as long as the nearest way out of what is deepest is gone step by step
 constexpr double kOneSide = 0.3;    // of their area: how far the samples inside a collider must agree on the way in
 
 }  // namespace
@@ -151,7 +152,9 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
     float* exits = exits_.data() + k * s.size();
     const bool is_given = length(given) > 0;
     undecided_ += !is_given && ways[k].undecided;
-    if (!is_given && ways[k].length > 0) {
+    const float* distance = distance_.host().data() + k * s.size();
+    const double deepest = -rest_.to_local.scale * static_cast<double>(*std::min_element(distance, distance + s.size()));
+    if (!is_given && ways[k].length > kDeep * deepest) {
       ways_[k] = (ways[k].length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(ways[k].direction);
       continue;
     }
