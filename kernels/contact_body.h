@@ -40,6 +40,10 @@ struct ContactEnergy {
   float stiffness;  // kc, per cell
   float gap;        // where a push begins, cells; 0: at touch
   float gentle;     // how steep the push is there, relative to `stiffness`
+  float friction;   // the pull along the collider's surface, at most, over the push that is remembered; 0: none, then the next three are null
+  Row4* normal;     // [colliders][samples] out of the collider, unit
+  const Row4* stuck;    // [colliders][samples] `normal` when the memory was updated
+  const float* began;  // [colliders][samples] how far along `entry` from rest the contact began, cells; negative: it is not known
 
   static constexpr float kFar = 1e30f;
 
@@ -66,6 +70,19 @@ struct ContactEnergy {
   static KNEAD_HD Vec3d to_index(const ColliderView& c, const Vec3d& y) {
     return {c.matrix[0] * y.x + c.matrix[1] * y.y + c.matrix[2] * y.z + c.offset.x, c.matrix[3] * y.x + c.matrix[4] * y.y + c.matrix[5] * y.z + c.offset.y,
             c.matrix[6] * y.x + c.matrix[7] * y.y + c.matrix[8] * y.z + c.offset.z};
+  }
+
+  // The pull of friction on a sample that is `away` from where its contact began: back there, along the collider's surface, like a spring as stiff as the
+  // contact up to its bound (Coulomb's, with the push and the normal of the last update of the memory). Adds its gradient over kc a, returns its energy.
+  KNEAD_HD float stick(const Vec3f& away, const Vec3f& n, float bound, Vec3f& gradient) const {
+    const Vec3f slid = away - dot(away, n) * n;
+    const float size = length(slid);
+    if (size <= bound) {
+      gradient += slid;
+      return 0.5f * size * size;
+    }
+    gradient += (bound / size) * slid;
+    return bound * size - 0.5f * bound * bound;
   }
 
   // How far sample s may move without a push by any collider, to be on the safe side, cells; at most `skin`, which is within the colliders' bands.
@@ -115,7 +132,14 @@ struct ContactEnergy {
         const float pull = stiffness * area[s] * next.push;
         sum.energy += static_cast<double>(stiffness * area[s]) * static_cast<double>(next.energy);
         ++sum.active;
-        push -= by_entry ? pull * entry[k] : (pull * c.scale) * CollidePush::from_index(c, slope);
+        const Vec3f out = by_entry ? entry[k] : c.scale * CollidePush::from_index(c, slope);
+        push -= pull * out;
+        if (friction > 0) normal[at] = to_row((1 / fmaxf(length(out), 1e-20f)) * out);
+      }
+      if (friction > 0 && lambda > 0 && began[at] >= 0) {
+        Vec3f back{0, 0, 0};
+        sum.energy += static_cast<double>(stiffness * area[s]) * static_cast<double>(stick(move - began[at] * entry[k], to_vec(stuck[at]), friction * lambda, back));
+        push += (stiffness * area[s]) * back;
       }
     }
     force[s] = to_row(push);

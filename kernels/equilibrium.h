@@ -50,6 +50,7 @@ struct EquilibriumSettings {
   double penetration = 1e-4;      // and when no contact is off by more than this part of M's diagonal
   double contact = 5;             // stiffness of a contact before its memory fills, relative to the body's own
   double gap = 1e-3;              // of M's diagonal: how far outside a collider its push begins, from nothing; see ContactEnergy::push_of
+  double friction = 0;            // how much of a contact's push may pull back along the collider's surface to where the contact began
   int memory_interval = 15;       // iterations after which the contact memory is updated in any case
   double memory_gradient = 0.03;  // or when the relative gradient is below this
   double margin = 0;              // M's local units

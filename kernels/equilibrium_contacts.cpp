@@ -58,6 +58,15 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
   body_.gap = static_cast<float>(settings.gap * rest_.diagonal);
+  body_.friction = static_cast<float>(settings.friction);
+  if (settings.friction > 0) {
+    normal_.assign(memory_.size(), Row4{0, 0, 0, 0});
+    stuck_ = normal_;
+    body_.normal = normal_.data();
+    body_.stuck = stuck_.data();
+    began_.assign(memory_.size(), -1.0f);
+    body_.began = began_.data();
+  }
   const Similarity to_world = placement * rest_.to_local;
   for (size_t k = 0; k < colliders.size(); ++k) {
     check_margin(*colliders[k], placement, settings.margin, k);
@@ -118,7 +127,7 @@ void EquilibriumContacts::list_samples(const Row4* u) {
   body_.list = list_.data();
 }
 
-// The mean of the rest normals of what is inside collider k, turned inwards; zero when they do not agree.
+// The mean of the rest normals of what is inside collider k, the deeper the weightier, turned inwards; zero when they do not agree.
 Vec3d EquilibriumContacts::against_patch(size_t k) const {
   const SampleTable& s = rest_.samples;
   const float* distance = distance_.host().data() + k * s.size();
@@ -126,8 +135,9 @@ Vec3d EquilibriumContacts::against_patch(size_t k) const {
   double area = 0;
   for (size_t i = 0; i < s.size(); ++i)
     if (distance[i] < 0) {
-      facing += to_double(s.outward[i]);
-      area += length(to_double(s.outward[i]));
+      const Vec3d part = static_cast<double>(-distance[i]) * to_double(s.outward[i]);
+      facing += part;
+      area += length(part);
     }
   const double size = length(facing);
   return size > kOneSide * area && area > 0 ? (-1 / size) * facing : Vec3d{0, 0, 0};
@@ -156,10 +166,12 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
     const double deepest = -rest_.to_local.scale * static_cast<double>(*std::min_element(distance, distance + s.size()));
     if (!is_given && ways[k].length > kDeep * deepest) {
       ways_[k] = (ways[k].length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(ways[k].direction);
+      find_beginnings(k, (1 / length(ways_[k])) * ways_[k]);
       continue;
     }
     const Vec3d entry = is_given ? (1 / length(given)) * (placement_ * rest_.to_local).inverse().rotate(given) : against_patch(k);
     if (length(entry) == 0) continue;
+    find_beginnings(k, entry);
     body_.entry[k] = to_float(entry);
     parallel_for(executor_, s.size(), "contact_exit", ContactExit{body_, k, is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits}, kFewSamples);
     any = true;
@@ -169,6 +181,12 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
   }
   body_.exits = any ? exits_.data() : nullptr;
   return any || longest_way() > 0;
+}
+
+void EquilibriumContacts::find_beginnings(uint32_t k, const Vec3d& entry) {
+  if (began_.empty()) return;
+  body_.entry[k] = to_float(entry);
+  parallel_for(executor_, samples(), "contact_beginning", ContactExit{body_, k, 0, began_.data() + k * samples()}, kFewSamples);
 }
 
 size_t EquilibriumContacts::enclosed() const {
@@ -205,6 +223,7 @@ void EquilibriumContacts::update_memory() {
     memory[i] = body_.push_of(memory[i] - distance[i]).push;
     if (memory[i] > 0) slack_[i % samples()] = 0;
   }
+  std::copy_n(normal_.data(), normal_.size(), stuck_.data());
   volume_memory_ += volume_error_;
 }
 

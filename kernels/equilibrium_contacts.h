@@ -51,6 +51,7 @@ class EquilibriumContacts {
 
  private:
   Vec3d against_patch(size_t collider) const;
+  void find_beginnings(uint32_t collider, const Vec3d& entry);  // for friction
   double add_volume();
   void spread();
   size_t samples() const { return rest_.samples.size(); }
@@ -63,6 +64,8 @@ class EquilibriumContacts {
   ContactEnergy body_{};
   Buffer<Row4> force_, push_, now_, volume_gradient_;
   Buffer<float> memory_, distance_;
+  std::vector<Row4> normal_, stuck_;
+  std::vector<float> began_;
   std::vector<ColliderView> places_;  // where the colliders are in the end
   std::vector<Vec3d> ways_;           // along which they come there
   std::vector<float> slack_, exits_;

@@ -32,6 +32,7 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
   contact  every vertex of M outside every collider: a stiff push with a memory (augmented Lagrangian), so that it ends exact, not merely stiff.
            `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The push begins a little way outside, at
            `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps some gap.
+           With `friction` skin clings to where it met the collider on its way in, and slides when pulled harder.
 
 Which side of a collider the flesh is on is told from M at rest: by the normals of what is inside the collider, or, when it is in deeper than its middle, by a
 way in along which it then comes in over the first iterations (`way_in_iterations`). `entry` says it for certain: with it a ball can be swept into a body until
@@ -82,6 +83,8 @@ class Equilibrium : public Node {
                             "contact_gap",
                             EquilibriumSettings{}.gap,
                             {.min = 0, .max = 0.1, .unit = "diagonals", .doc = "how far outside a collider its push begins; 0: at touch, not smooth in time"}};
+  Param<double> friction{
+      this, "friction", 0, {.min = 0, .max = 10, .doc = "Coulomb's: how much of a contact's push may pull skin back to where its contact began"}};
   Param<int> max_iterations{this, "max_iterations", EquilibriumSettings{}.max_iterations, {.min = 1, .doc = "after which it ends in any case"}};
   Param<double> threshold{
       this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
@@ -124,6 +127,7 @@ class Equilibrium : public Node {
     settings.memory_gradient = memory_gradient();
     settings.margin = margin() / body.placement.scale;
     settings.gap = contact_gap();
+    settings.friction = friction();
     settings.entry = {entry()[0], entry()[1], entry()[2]};
     settings.check_cancelled = [&] { context.check_cancelled(); };
     EquilibriumFigures figures;

@@ -50,5 +50,23 @@ TEST(ContactPush, AtRestObeysOneLawForEveryStiffness) {
   }
 }
 
+TEST(ContactPush, FrictionIsASpringUpToItsBoundAlongTheSurface) {
+  const ContactEnergy c = contact(0, 1);
+  const Vec3f n{0, 0.6f, 0.8f};
+  const float bound = 0.05f, step = 1e-3f;
+  for (const Vec3f& away : {Vec3f{0.02f, 0.01f, -0.03f}, Vec3f{0.2f, -0.1f, 0.3f}, Vec3f{0, 0.6f, 0.8f}}) {
+    Vec3f pull{0, 0, 0}, unused{0, 0, 0};
+    c.stick(away, n, bound, pull);
+    EXPECT_NEAR(static_cast<double>(dot(pull, n)), 0, 1e-6) << "none across the surface";
+    EXPECT_LE(static_cast<double>(length(pull)), static_cast<double>(bound) * 1.00001);
+    const auto slope = [&](const Vec3f& d) {
+      return static_cast<double>((c.stick(away + step * d, n, bound, unused) - c.stick(away + -step * d, n, bound, unused)) / (2 * step));
+    };
+    EXPECT_NEAR(slope({1, 0, 0}), static_cast<double>(pull.x), 2e-4);
+    EXPECT_NEAR(slope({0, 1, 0}), static_cast<double>(pull.y), 2e-4);
+    EXPECT_NEAR(slope({0, 0, 1}), static_cast<double>(pull.z), 2e-4);
+  }
+}
+
 }  // namespace contact_push_test
 }  // namespace knead

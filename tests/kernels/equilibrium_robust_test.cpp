@@ -162,6 +162,26 @@ TEST(EquilibriumRobust, IsSmoothInTime) {
   EXPECT_LT(static_cast<double>(most), 0.05 * step);
 }
 
+// Under a ball that comes straight down, skin that clings does not go sideways.
+TEST(EquilibriumRobust, ClingsWithFriction) {
+  Pressed pressed(make_sphere(1, 3), {}, 3);
+  const Sdf above = ball(0.5, {0, 1.15, 0});
+  std::vector<double> slid;
+  for (const double friction : {0.0, 0.3, 2.0}) {
+    pressed.settings.friction = friction;
+    pressed.by({&above}, "friction " + std::to_string(friction));
+    EXPECT_EQ(pressed.figures.ended, "rest") << friction;
+    EXPECT_GT(pressed.figures.least_volume, 0.3) << friction;
+    double sum = 0;
+    const auto rest = pressed.built.lattice.rest.points.host(), now = pressed.points.host();
+    for (size_t i = 0; i < rest.size(); ++i)
+      if (length(rest[i] - Vec3f{0, 1.15f, 0}) < 0.4f) sum += static_cast<double>(std::hypot(now[i].x - rest[i].x, now[i].z - rest[i].z));
+    slid.push_back(sum);
+  }
+  EXPECT_LT(slid[1], 0.75 * slid[0]);
+  EXPECT_LT(slid[2], 0.75 * slid[0]);
+}
+
 // A ball as wide as the body's radius goes in until it is out of sight. The shape follows it step by step as long as it is told, or can tell, where it came in.
 TEST(EquilibriumRobust, FollowsABallThatIsSweptIn) {
   Pressed pressed(make_sphere(1, 3), {}, 3);
