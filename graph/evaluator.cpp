@@ -9,6 +9,23 @@
 #include "graph/round.h"
 
 namespace knead {
+namespace {
+
+// A buffer's copy on another device, as the cache keeps it.
+struct CopiedBuffer {
+  Buffer<std::byte> bytes;
+};
+
+}  // namespace
+
+template <>
+struct PortTraits<CopiedBuffer> {
+  static constexpr const char* name = "CopiedBuffer";
+  template <class F>
+  static void each_buffer(CopiedBuffer& v, F&& f) {
+    f(v.bytes);
+  }
+};
 
 namespace {
 
@@ -57,7 +74,9 @@ struct Evaluator::Impl {
   std::vector<Source> targets_of(const std::vector<std::string>& outputs, bool effects) const;
   std::vector<char> reached_from(const std::vector<Source>& targets) const;
   void find_keys(int frame, const std::vector<char>& reached, std::vector<Key>& keys) const;
-  Value brought(const Value& value, const Key& key, Executor& to);
+  Value brought(const Value& value, Device there);
+  Buffer<std::byte> brought(const Buffer<std::byte>& buffer, Device there);
+  Buffer<std::byte> copied(const Buffer<std::byte>& buffer, Device there);
   void fill(FrameState& state, const std::vector<Source>& targets);
   void run_nodes(FrameState& state, const std::vector<int>& nodes);
   void run_node(FrameState& state, int i);
@@ -78,6 +97,7 @@ class FrameContext final : public RoundContext {
   void warn(const std::string& message) override;
   Value once(const Key& key, FunctionRef<Value()> make) override;
   void add_time(const std::string& part, double seconds) override;
+  Buffer<std::byte> host_copy(const Buffer<std::byte>& buffer) override;
 
   void bring_inputs();
   void compare(const Cache::Result& cached);
@@ -138,10 +158,13 @@ void FrameContext::bring_inputs() {
   if (all_here) return;
   moved_.resize(ports.size());
   for (size_t port = 0; port < ports.size(); ++port)
-    for (const Source source : ports[port]) {
-      const Key key = Hasher().add(state_.keys[static_cast<size_t>(source.node)]).add(source.output).key();
-      if (const Value& value = round_.at(source)) moved_[port].push_back(evaluator_.brought(value, key, executor_));
-    }
+    for (const Source source : ports[port])
+      if (const Value& value = round_.at(source)) moved_[port].push_back(evaluator_.brought(value, executor_.device()));
+}
+
+// What the node has just launched may not have written it yet, and the cache must not keep it: the node has not published it.
+Buffer<std::byte> FrameContext::host_copy(const Buffer<std::byte>& buffer) {
+  return evaluator_.copied(buffer, Device{});
 }
 
 void FrameContext::compare(const Cache::Result& cached) {
@@ -193,18 +216,28 @@ void Evaluator::Impl::find_keys(int frame, const std::vector<char>& reached, std
   }
 }
 
-// The value, with its buffers where `to` can read them. The only place where data moves. `key` is the value's own: the cache keeps the copy under it,
-// so that all readers in all frames share one.
-Value Evaluator::Impl::brought(const Value& value, const Key& key, Executor& to) {
-  const Device there = to.device();
+// The value, with its buffers on device `there`.
+Value Evaluator::Impl::brought(const Value& value, Device there) {
   if (value.type()->on_device(value, there)) return value;
-  return cache->once(Hasher().add("copy").add(there.kind).add(there.index).add(key).key(), [&] {
-    ++transfers;
-    transferred_bytes += value.type()->bytes(value);
-    Value copy = there == Device{} ? value.type()->to_host(value, *device) : value.type()->moved(value, to);
-    device->synchronise();
-    return copy;
-  });
+  return value.type()->with_buffers(value, [&](const Buffer<std::byte>& buffer) { return brought(buffer, there); });
+}
+
+// The cache keeps the copy under the buffer's own id, so that all readers of it share one: in all frames, and in values that are new in every frame but hold
+// it, such as a field that moves with its collider.
+Buffer<std::byte> Evaluator::Impl::brought(const Buffer<std::byte>& buffer, Device there) {
+  if (buffer.device() == there) return buffer;
+  const Key key = Hasher().add("copy").add(there.kind).add(there.index).add(buffer.id()).key();
+  return cache->once(key, [&] { return Value::of(CopiedBuffer{copied(buffer, there)}); }).as<CopiedBuffer>().bytes;
+}
+
+// The only place where data moves.
+Buffer<std::byte> Evaluator::Impl::copied(const Buffer<std::byte>& buffer, Device there) {
+  ++transfers;
+  transferred_bytes += buffer.bytes();
+  Buffer<std::byte> copy(buffer.size(), there == Device{} ? host_memory() : device->memory());
+  device->copy(buffer.view(buffer.device()).data(), buffer.device(), copy.data_for_write(), there, buffer.bytes());
+  device->synchronise();
+  return copy;
 }
 
 // Fills the round for the targets: from the cache, and by running what it lacks. Checked mode runs everything, to compare.
@@ -271,6 +304,7 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
     context.bring_inputs();
     ++evaluations[index];
     context.evaluate();
+    context.executor().synchronise();  // what is published is complete, for every thread
     state.times[index].push_back({node.name, seconds_since(start), false});
     seconds[index] += state.times[index].back().seconds;
     for (NodeTime& part : context.parts) state.times[index].push_back(std::move(part));
@@ -312,10 +346,7 @@ FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outpu
   FrameState state(frame, *impl_->plan);
   try {
     impl_->fill(state, targets);
-    for (size_t i = 0; i < outputs.size(); ++i) {
-      const Key key = Hasher().add(state.keys[static_cast<size_t>(targets[i].node)]).add(targets[i].output).key();
-      result.values[outputs[i]] = impl_->brought(state.round.at(targets[i]), key, *impl_->host);
-    }
+    for (size_t i = 0; i < outputs.size(); ++i) result.values[outputs[i]] = impl_->brought(state.round.at(targets[i]), Device{});
   } catch (...) {
     result.error = error_in_flight();
     result.values.clear();

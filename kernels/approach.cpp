@@ -210,7 +210,6 @@ std::vector<Vec3d> stand_back(Executor& executor, const CollideInput& input, std
   for (const Sdf* const& collider : input.colliders) {
     CollideInput one = input;
     one.colliders = std::span(&collider, 1);
-    one.shifts = {};
     Patch patch(executor, one, triangles);
     shifts.push_back(patch.hit() ? patch.stand_back(rest_mesh) : Vec3d{0, 0, 0});
     any = any || length(shifts.back()) > 0;
