@@ -5,17 +5,17 @@
 namespace knead {
 
 template <class Body>
-CudaLauncher cuda_launcher() {
-  return nullptr;
+CudaCode cuda_code() {
+  return {};
 }
-#define KNEAD_BODY(Body) template CudaLauncher cuda_launcher<Body>();
+#define KNEAD_BODY(Body) template CudaCode cuda_code<Body>();
 #include "graph/loop_bodies.inl"
 #undef KNEAD_BODY
 
 CudaDevices cuda_devices() {
   return {{}, "not in this build"};
 }
-std::unique_ptr<Executor> make_cuda_executor(int) {
+std::unique_ptr<Executor> make_cuda_executor(int, bool) {
   throw Error(ErrorCode::kDevice, "this build has no CUDA", "build the preset `cuda`, with nvcc on the PATH");
 }
 

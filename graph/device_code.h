@@ -7,7 +7,7 @@
 //     KNEAD_HD void operator()(uint32_t i) const { values[i] *= by; }
 //   };
 //
-// Executors of devices launch it by its type: kernel_of<Scale>() holds the code for the host, which a fake device runs, and the launcher that a .cu file
+// Executors of devices launch it by its type: kernel_of<Scale>() holds the code for the host, which a fake device runs, and for CUDA, which a .cu file
 // instantiates. No header of CUDA is needed here.
 #pragma once
 #include <cstddef>
@@ -25,17 +25,22 @@ namespace knead {
 template <class Body>
 concept DeviceBody = requires { Body::kKernel; };
 
-using CudaLauncher = void (*)(const void* body, uint32_t n, void* stream);
+// How CUDA runs a body over [0, n): alone, or those of several frames at once, which lie side by side in device memory; frames that are not `running` are left
+// out. Null in a build without CUDA.
+struct CudaCode {
+  void (*one)(const void* body, uint32_t n, void* stream) = nullptr;
+  void (*many)(const void* bodies, const uint32_t* running, uint32_t frames, uint32_t n, void* stream) = nullptr;
+};
 
-// Null in a build without CUDA. Instantiated for every body in kernels/device_bodies.* and graph/loop_bodies.*.
+// Instantiated for every body in kernels/device_bodies.* and graph/loop_bodies.inl.
 template <class Body>
-CudaLauncher cuda_launcher();
+CudaCode cuda_code();
 
 struct Kernel {
   const char* name;
   size_t body_bytes;
   void (*host)(const void* body, uint32_t n);  // every index, on the calling thread, with the bits of the serial executor
-  CudaLauncher cuda;
+  CudaCode cuda;
 };
 
 template <DeviceBody Body>
@@ -45,7 +50,7 @@ const Kernel& kernel_of() {
                              [](const void* body, uint32_t n) {
                                for (uint32_t i = 0; i < n; ++i) (*static_cast<const Body*>(body))(i);
                              },
-                             cuda_launcher<Body>()};
+                             cuda_code<Body>()};
   return kernel;
 }
 

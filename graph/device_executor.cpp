@@ -1,14 +1,27 @@
 #include "graph/device_executor.h"
 
+#include <algorithm>
+#include <cstring>
+
 #include "graph/error.h"
 
 namespace knead {
+namespace {
+
+thread_local const DeviceExecutor* frames_for = nullptr;  // the device that this thread gives frames to
+
+}  // namespace
+
+bool RecordedLoop::is_like(const RecordedLoop& other) const {
+  return words == other.words && std::equal(steps.begin(), steps.end(), other.steps.begin(), other.steps.end(),
+                                            [](const Step& a, const Step& b) { return a.kernel == b.kernel && a.n == b.n; });
+}
 
 // The executor of a round that is recorded.
 class DeviceLoopRecorder final : public LoopRecorder {
  public:
   explicit DeviceLoopRecorder(DeviceExecutor& executor)
-      : executor_(executor), memory_(executor.memory()), loop_(executor.backend_->begin_loop()) {}
+      : executor_(executor), memory_(executor.memory()) {}
 
   const char* name() const override { return executor_.name(); }
   Device device() const override { return executor_.device(); }
@@ -22,13 +35,17 @@ class DeviceLoopRecorder final : public LoopRecorder {
   using Executor::launch;
   void launch(const Kernel& kernel, const void* body, uint32_t n) override {
     ++executor_.recorded_;
-    loop_->launch(kernel, body, n);
+    const auto* bytes = static_cast<const char*>(body);
+    loop_.steps.push_back({&kernel, n, std::vector<char>(bytes, bytes + kernel.body_bytes)});
   }
 
   LoopProgress run(const LoopEnd& end, const LoopCommit& commit, size_t words, int rounds) override {
     ++executor_.loops_;
     executor_.launch(LoopGo{end.progress, rounds}, 1);
-    loop_->run(end, commit, static_cast<uint32_t>(words));
+    loop_.end = end;
+    loop_.commit = commit;
+    loop_.words = static_cast<uint32_t>(words);
+    executor_.run(loop_);
     LoopProgress progress;
     executor_.copy(end.progress, device(), &progress, Device{}, sizeof progress);
     executor_.synchronise();
@@ -38,7 +55,7 @@ class DeviceLoopRecorder final : public LoopRecorder {
  private:
   DeviceExecutor& executor_;
   LoopMemory memory_;
-  std::unique_ptr<DeviceLoop> loop_;
+  RecordedLoop loop_;
 };
 
 void DeviceExecutor::parallel_ranges(size_t, size_t, FunctionRef<void(size_t, size_t)>) {
@@ -65,6 +82,59 @@ void DeviceExecutor::launch(const Kernel& kernel, const void* body, uint32_t n) 
   backend_->launch(kernel, body, n);
 }
 
+void DeviceExecutor::begin_frames() {
+  const std::lock_guard lock(mutex_);
+  frames_for = this;
+  ++with_frames_;
+}
+void DeviceExecutor::end_frames() {
+  backend_->thread_ends();
+  const std::lock_guard lock(mutex_);
+  frames_for = nullptr;
+  --with_frames_;
+  changed_.notify_all();
+}
+
+void DeviceExecutor::run(const RecordedLoop& loop) {
+  backend_->synchronise();  // what it reads may be on its way, and another thread may run it
+  if (frames_for != this) return backend_->run_loops({&loop});
+  Waiting mine{&loop, false, false, {}};
+  std::unique_lock lock(mutex_);
+  waiting_.push_back(&mine);
+  for (;;) {
+    changed_.wait(lock, [&] { return mine.done || (!mine.taken && !leading_ && waiting_.size() == with_frames_); });
+    if (mine.done) break;
+    leading_ = true;
+    const std::vector<Waiting*> all = waiting_;
+    for (Waiting* one : all) one->taken = true;
+    lock.unlock();
+    run_together(all);
+    lock.lock();
+    leading_ = false;
+    std::erase_if(waiting_, [](const Waiting* one) { return one->taken; });
+    for (Waiting* one : all) one->done = true;
+    changed_.notify_all();
+  }
+  if (mine.error) std::rethrow_exception(mine.error);
+}
+
+void DeviceExecutor::run_together(const std::vector<Waiting*>& all) {
+  std::vector<Waiting*> left = all;
+  while (!left.empty()) {
+    std::vector<const RecordedLoop*> alike;
+    std::vector<Waiting*> group;
+    for (Waiting* one : left)
+      if (one->loop->is_like(*left.front()->loop)) group.push_back(one), alike.push_back(one->loop);
+    std::erase_if(left, [&](Waiting* one) { return std::find(group.begin(), group.end(), one) != group.end(); });
+    if (group.size() > 1) joined_ += group.size();
+    try {
+      backend_->run_loops(alike);
+    } catch (...) {
+      for (Waiting* one : group) one->error = std::current_exception();
+    }
+  }
+}
+
 std::unique_ptr<LoopRecorder> DeviceExecutor::record_loop() {
   return std::make_unique<DeviceLoopRecorder>(*this);
 }
@@ -88,8 +158,7 @@ void DeviceExecutor::release(void* storage, size_t bytes) noexcept {
 }
 
 DeviceFigures DeviceExecutor::figures() const {
-  DeviceFigures figures{allocations_, copies_, copied_bytes_, launches_, loops_, recorded_, bytes_, most_bytes_};
-  return figures;
+  return {allocations_, copies_, copied_bytes_, launches_, loops_, recorded_, joined_, bytes_, most_bytes_};
 }
 
 }  // namespace knead

@@ -2,20 +2,31 @@
 // tests one that is host memory which the host may not touch.
 #pragma once
 #include <atomic>
+#include <condition_variable>
+#include <exception>
 #include <memory>
+#include <mutex>
 #include <string>
+#include <vector>
 
 #include "graph/loop.h"
 
 namespace knead {
 
-// A loop that is being recorded, then run.
-class DeviceLoop {
- public:
-  virtual ~DeviceLoop() = default;
-  virtual void launch(const Kernel& kernel, const void* body, uint32_t n) = 0;  // recorded, not run
-  // Rounds of what was recorded, with `end` and `commit` after each, while end.running(). Called once or more, after all launches. May return early.
-  virtual void run(const LoopEnd& end, const LoopCommit& commit, uint32_t words) = 0;
+// One round of a loop: the steps in their order, then `end`, then `commit`.
+struct RecordedLoop {
+  struct Step {
+    const Kernel* kernel;
+    uint32_t n;
+    std::vector<char> body;
+  };
+  std::vector<Step> steps;
+  LoopEnd end{};
+  LoopCommit commit{};
+  uint32_t words = 0;  // indices of `commit`
+
+  // The same kernels over the same numbers of indices: loops of one body in several frames.
+  bool is_like(const RecordedLoop& other) const;
 };
 
 // Calls that are ordered: each thread's own, one after the other.
@@ -32,11 +43,14 @@ class DeviceBackend {
   virtual void copy_to_host(const void* here, void* host, size_t bytes) = 0;  // may be used once synchronised
   virtual void launch(const Kernel& kernel, const void* body, uint32_t n) = 0;
   virtual void synchronise() = 0;
-  virtual std::unique_ptr<DeviceLoop> begin_loop() = 0;
+  virtual void thread_ends() {}  // the calling thread needs the device no more
+  // Runs loops that are alike, round by round, each while its end.running(), and waits. What they read must be complete.
+  virtual void run_loops(const std::vector<const RecordedLoop*>& loops) = 0;
 };
 
 struct DeviceFigures {
   uint64_t allocations = 0, copies = 0, copied_bytes = 0, launches = 0, loops = 0, recorded = 0;
+  uint64_t joined = 0;            // loops that were run together with others
   size_t bytes = 0, most_bytes = 0;  // allocated now, and at most
 };
 
@@ -53,6 +67,9 @@ class DeviceExecutor final : public Executor, private MemoryResource {
   void synchronise() override { backend_->synchronise(); }
   using Executor::launch;
   void launch(const Kernel& kernel, const void* body, uint32_t n) override;
+  int frames_at_once() const override { return kFramesAtOnce; }
+  void begin_frames() override;
+  void end_frames() override;
   std::unique_ptr<LoopRecorder> record_loop() override;
 
   DeviceFigures figures() const;
@@ -63,8 +80,23 @@ class DeviceExecutor final : public Executor, private MemoryResource {
   void* allocate(size_t bytes) override;
   void release(void* storage, size_t bytes) noexcept override;
 
+  // Threads with frames bring their loops here. When each of them waits, one runs all.
+  struct Waiting {
+    const RecordedLoop* loop;
+    bool taken = false, done = false;
+    std::exception_ptr error;
+  };
+  void run(const RecordedLoop& loop);
+  void run_together(const std::vector<Waiting*>& all);
+
+  static constexpr int kFramesAtOnce = 32;
   std::unique_ptr<DeviceBackend> backend_;
-  std::atomic<uint64_t> allocations_{0}, copies_{0}, copied_bytes_{0}, launches_{0}, loops_{0}, recorded_{0};
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  size_t with_frames_ = 0;  // threads
+  bool leading_ = false;
+  std::vector<Waiting*> waiting_;
+  std::atomic<uint64_t> allocations_{0}, copies_{0}, copied_bytes_{0}, launches_{0}, loops_{0}, recorded_{0}, joined_{0};
   std::atomic<size_t> bytes_{0}, most_bytes_{0};
 };
 

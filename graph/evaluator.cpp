@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <exception>
+#include <latch>
 #include <mutex>
 #include <set>
+#include <system_error>
+#include <thread>
 
 #include "graph/round.h"
 
@@ -44,6 +48,7 @@ struct FrameState {
   std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
   std::vector<std::optional<Error>> errors;
   std::vector<char> failed;  // it, or something that it needs
+  bool in_order = false;     // nodes one after the other, on the calling thread
   // Of the node and of all that it stands on: a frame that finds a node in the cache does not look at what is behind it.
   std::vector<std::vector<std::string>> warnings;
 };
@@ -77,6 +82,7 @@ struct Evaluator::Impl {
   Value brought(const Value& value, Device there);
   Buffer<std::byte> brought(const Buffer<std::byte>& buffer, Device there);
   Buffer<std::byte> copied(const Buffer<std::byte>& buffer, Device there);
+  FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects, bool in_order);
   void fill(FrameState& state, const std::vector<Source>& targets);
   void run_nodes(FrameState& state, const std::vector<int>& nodes);
   void run_node(FrameState& state, int i);
@@ -279,7 +285,10 @@ void Evaluator::Impl::run_nodes(FrameState& state, const std::vector<int>& nodes
           successors[static_cast<size_t>(before)].push_back(static_cast<int>(t));
           ++waits_for[t];
         }
-  host->run_graph(successors, waits_for, [&](int t) { run_node(state, nodes[static_cast<size_t>(t)]); });
+  if (state.in_order)
+    for (const int node : nodes) run_node(state, node);
+  else
+    host->run_graph(successors, waits_for, [&](int t) { run_node(state, nodes[static_cast<size_t>(t)]); });
   const std::optional<Error>* first = nullptr;
   for (const std::optional<Error>& error : state.errors) {
     if (error && error->code() == ErrorCode::kCancelled) throw *error;
@@ -339,14 +348,19 @@ Executor& Evaluator::executor() const {
 }
 
 FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outputs, bool effects) {
-  const std::vector<Source> targets = impl_->targets_of(outputs, effects);
+  return impl_->evaluate(frame, outputs, effects, false);
+}
+
+FrameResult Evaluator::Impl::evaluate(int frame, const std::vector<std::string>& outputs, bool effects, bool in_order) {
+  const std::vector<Source> targets = targets_of(outputs, effects);
   const auto start = std::chrono::steady_clock::now();
   FrameResult result;
   result.frame = frame;
-  FrameState state(frame, *impl_->plan);
+  FrameState state(frame, *plan);
+  state.in_order = in_order;
   try {
-    impl_->fill(state, targets);
-    for (size_t i = 0; i < outputs.size(); ++i) result.values[outputs[i]] = impl_->brought(state.round.at(targets[i]), Device{});
+    fill(state, targets);
+    for (size_t i = 0; i < outputs.size(); ++i) result.values[outputs[i]] = brought(state.round.at(targets[i]), Device{});
   } catch (...) {
     result.error = error_in_flight();
     result.values.clear();
@@ -362,9 +376,40 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
                                 const std::function<void(FrameResult)>& done) {
   if (frames.empty()) return;
   prepare(frames.front(), outputs, effects);
-  const std::vector<int> starved = run_frames(frames, impl_->host->threads(), outputs, effects, done);
+  const std::vector<int> starved = run_frames(frames, std::max(impl_->host->threads(), impl_->device->frames_at_once()), outputs, effects, done);
   run_frames(starved, 1, outputs, effects, done);
 }
+
+namespace {
+
+// Lanes on threads of their own, which may wait for each other at the device: a thread of the host executor's must not, for the others would wait for it.
+void run_on_threads(Executor& device, size_t lanes, FunctionRef<void()> lane) {
+  std::mutex mutex;
+  std::exception_ptr error;
+  std::vector<std::thread> threads;
+  std::latch all(static_cast<std::ptrdiff_t>(lanes));
+  const auto run = [&] {
+    device.begin_frames();
+    all.arrive_and_wait();  // the first to reach a loop waits for those that follow
+    try {
+      lane();
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      error = std::current_exception();
+    }
+    device.end_frames();
+  };
+  try {
+    while (threads.size() < lanes) threads.emplace_back(run);
+  } catch (const std::system_error&) {  // no more threads: those that are there do it
+    if (threads.empty()) throw;
+    all.count_down(static_cast<std::ptrdiff_t>(lanes - threads.size()));
+  }
+  for (std::thread& thread : threads) thread.join();
+  if (error) std::rethrow_exception(error);
+}
+
+}  // namespace
 
 // Returns the frames that found too little memory beside others: each may have enough of it alone.
 std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_once, const std::vector<std::string>& outputs, bool effects,
@@ -373,9 +418,9 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
   std::vector<int> starved;
   std::atomic<size_t> next{0};
   std::mutex mutex;
-  impl_->host->run_graph(std::vector<std::vector<int>>(lanes), std::vector<int>(lanes), [&](int) {
+  const auto run_lane = [&](bool in_order) {
     for (size_t i; !impl_->cancelled() && (i = next++) < frames.size();) {
-      FrameResult result = evaluate(frames[i], outputs, effects);
+      FrameResult result = impl_->evaluate(frames[i], outputs, effects, in_order);
       if (result.error && result.error->code() == ErrorCode::kCancelled && impl_->cancelled()) return;
       const std::lock_guard lock(mutex);
       if (result.error && result.error->code() == ErrorCode::kMemory && lanes > 1) {
@@ -389,7 +434,11 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
         throw;
       }
     }
-  });
+  };
+  if (lanes > 1 && impl_->device->frames_at_once() > 1)
+    run_on_threads(*impl_->device, lanes, [&] { run_lane(true); });
+  else
+    impl_->host->run_graph(std::vector<std::vector<int>>(lanes), std::vector<int>(lanes), [&](int) { run_lane(false); });
   return starved;
 }
 

@@ -55,6 +55,12 @@ class Executor {
     if (n > 0) launch(kernel_of<Body>(), &body, static_cast<uint32_t>(n));
   }
 
+  // How many frames it likes to be given at once, each by a thread of its own, so that it can run their loops as one; 1: no more than there are threads. Such
+  // a thread says when it begins and when it has no further frame.
+  virtual int frames_at_once() const { return 1; }
+  virtual void begin_frames() {}
+  virtual void end_frames() {}
+
   // An executor for one round of a loop, which it records to run it many times without the host (graph/loop.h). Null where loops run from the host.
   virtual std::unique_ptr<LoopRecorder> record_loop();
 };
@@ -65,8 +71,9 @@ std::unique_ptr<Executor> make_serial_executor();
 // TBB in an arena of its own with `threads` threads (0, or more than the machine has: all of them), isolated from the host application's tasks.
 std::unique_ptr<Executor> make_cpu_executor(int threads = 0);
 
-// A CUDA device, with a stream for every thread that uses it. Throws Error(kDevice) that says what is missing.
-std::unique_ptr<Executor> make_cuda_executor(int index = 0);
+// A CUDA device, with a stream for every thread that uses it. Throws Error(kDevice) that says what is missing. `graph_loops`: loops run as one graph that
+// repeats by itself where the driver can, else in batches of rounds.
+std::unique_ptr<Executor> make_cuda_executor(int index = 0, bool graph_loops = true);
 
 struct CudaDevices {
   std::vector<std::string> names;  // by index, with memory and architecture

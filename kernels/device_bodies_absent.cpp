@@ -4,11 +4,11 @@
 namespace knead {
 
 template <class Body>
-CudaLauncher cuda_launcher() {
-  return nullptr;
+CudaCode cuda_code() {
+  return {};
 }
-#define KNEAD_BODY(Body) template CudaLauncher cuda_launcher<Body>();
-#define KNEAD_REDUCTION(Body) template CudaLauncher cuda_launcher<Reduction<Body>>();
+#define KNEAD_BODY(Body) template CudaCode cuda_code<Body>();
+#define KNEAD_REDUCTION(Body) template CudaCode cuda_code<Reduction<Body>>();
 #include "kernels/device_bodies.inl"
 
 }  // namespace knead

@@ -90,7 +90,7 @@ template <class Body>
 const Kernel& kernel_of_reduction() {
   static const Kernel kernel{Body::kKernel, sizeof(Reduction<Body>),
                              [](const void* body, uint32_t n) { reduce_on_host(stand_in(), n, static_cast<const Reduction<Body>*>(body)->body); },
-                             cuda_launcher<Reduction<Body>>()};
+                             cuda_code<Reduction<Body>>()};
   return kernel;
 }
 

@@ -147,6 +147,70 @@ TEST(DeviceLoop, LeavesWhatGoesInAsItWas) {
   EXPECT_EQ(toys::first(evaluator.get<toys::Numbers>("a", 1)), 1);
 }
 
+// Frames side by side bring their loops to the device together; each ends when it is at rest, with the numbers that it has alone.
+TEST(DeviceLoop, LoopsOfSeveralFramesRunAsOne) {
+  const std::string nodes =
+      "  v: {type: frame, scale: 16}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, "
+      "target: t}}, next: {x: r}}";
+  const auto plan = compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options());
+  for (const int batch : {0, 4}) {
+    FakeDevice fake(size_t{1} << 26, batch);
+    EvaluatorOptions options;
+    options.executor = &fake.executor;
+    Evaluator together(plan, options);
+    const auto serial = make_serial_executor();
+    options.executor = serial.get();
+    Evaluator alone(plan, options);
+    std::vector<int> frames;
+    for (int frame = 1; frame <= 50; ++frame) frames.push_back(frame);  // more than run at once
+    size_t done = 0;
+    together.evaluate_frames(frames, {"l", "l.report"}, false, [&](const FrameResult& result) {
+      ASSERT_FALSE(result.error) << result.error->what();
+      EXPECT_EQ(toys::first(result.values.at("l").as<toys::Numbers>()), toys::first(alone.get<toys::Numbers>("l", result.frame)));
+      EXPECT_EQ(result.values.at("l.report").as<Report>().number("iterations"), alone.get<Report>("l.report", result.frame).number("iterations"));
+      ++done;
+    });
+    EXPECT_EQ(done, 50u);
+    EXPECT_GE(fake.executor.figures().joined, 32u);
+    EXPECT_LT(fake.backend.rounds_run, 50 * 6);
+  }
+}
+
+TEST(DeviceLoop, LoopsThatAreNotAlikeAreRunOneAfterTheOther) {
+  const auto plan = compile(read_graph_text("knead: 1\nnodes:\n  v: {type: grow}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, "
+                                            "body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
+                                            "t.yaml"),
+                            toys::options());
+  FakeDevice fake;
+  EvaluatorOptions options;
+  options.executor = &fake.executor;
+  Evaluator evaluator(plan, options);
+  size_t done = 0;
+  evaluator.evaluate_frames({1, 2, 3, 4}, {"l"}, false, [&](const FrameResult& result) {
+    ASSERT_FALSE(result.error) << result.error->what();
+    EXPECT_EQ(result.values.at("l").as<toys::Numbers>().values.size(), static_cast<size_t>((result.frame + 1) / 2));
+    EXPECT_NEAR(toys::first(result.values.at("l").as<toys::Numbers>()), 8, 0.2);
+    ++done;
+  });
+  EXPECT_EQ(done, 4u);
+  EXPECT_EQ(fake.executor.figures().joined, 4u) << "in two pairs";
+}
+
+TEST(DeviceLoop, AFrameThatFailsDoesNotHoldUpTheOthers) {
+  const auto plan = compile(read_graph_text("knead: 1\nnodes:\n  f: {type: frame}\n  v: {type: failing, in: f, when: 3}\n  t: {type: value, value: 8}\n  l: {type: "
+                                            "iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
+                                            "t.yaml"),
+                            toys::options());
+  FakeDevice fake;
+  EvaluatorOptions options;
+  options.executor = &fake.executor;
+  Evaluator evaluator(plan, options);
+  int good = 0, bad = 0;
+  evaluator.evaluate_frames({1, 2, 3, 4, 5}, {"l"}, false, [&](const FrameResult& result) { ++(result.error ? bad : good); });
+  EXPECT_EQ(good, 4);
+  EXPECT_EQ(bad, 1);
+}
+
 TEST(DeviceLoop, IsCancelledBetweenItsPartsOnTheDevice) {
   FakeDevice fake(size_t{1} << 26);
   EvaluatorOptions options;

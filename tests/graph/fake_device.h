@@ -4,6 +4,7 @@
 #pragma once
 #include <sys/mman.h>
 
+#include <algorithm>
 #include <cstring>
 #include <map>
 #include <mutex>
@@ -78,7 +79,25 @@ class FakeBackend final : public DeviceBackend {
     const Open open(*this);
     kernel.host(body, n);
   }
-  std::unique_ptr<DeviceLoop> begin_loop() override { return std::make_unique<FakeLoop>(*this); }
+  void run_loops(const std::vector<const RecordedLoop*>& loops) override {
+    const std::lock_guard lock(mutex_);
+    const Open open(*this);
+    for (const RecordedLoop* loop : loops)
+      for (const RecordedLoop::Step& step : loop->steps) check(*step.kernel, step.body.data());
+    bool running = true;
+    while (running) {
+      for (int round = 0; round < std::max(1, batch_); ++round) {
+        for (const RecordedLoop* loop : loops) {
+          for (const RecordedLoop::Step& step : loop->steps) step.kernel->host(step.body.data(), step.n);
+          loop->end(0);
+          kernel_of<LoopCommit>().host(&loop->commit, loop->words);
+        }
+        ++rounds_run;
+      }
+      running = false;
+      for (const RecordedLoop* loop : loops) running = running || loop->end.running();
+    }
+  }
 
   int rounds_run = 0;  // of loops, needed or not
 
@@ -98,37 +117,6 @@ class FakeBackend final : public DeviceBackend {
    private:
     FakeBackend& device_;
     size_t bytes_;
-  };
-
-  class FakeLoop final : public DeviceLoop {
-   public:
-    explicit FakeLoop(FakeBackend& device) : device_(device) {}
-    void launch(const Kernel& kernel, const void* body, uint32_t n) override {
-      device_.check(kernel, body);
-      const auto* bytes = static_cast<const char*>(body);
-      steps_.push_back({&kernel, std::vector<char>(bytes, bytes + kernel.body_bytes), n});
-    }
-    void run(const LoopEnd& end, const LoopCommit& commit, uint32_t words) override {
-      const std::lock_guard lock(device_.mutex_);
-      const Open open(device_);
-      do {
-        for (int round = 0; round < std::max(1, device_.batch_); ++round) {
-          for (const Step& step : steps_) step.kernel->host(step.body.data(), step.n);
-          kernel_of<LoopEnd>().host(&end, 1);
-          kernel_of<LoopCommit>().host(&commit, words);
-          ++device_.rounds_run;
-        }
-      } while (end.running());
-    }
-
-   private:
-    struct Step {
-      const Kernel* kernel;
-      std::vector<char> body;
-      uint32_t n;
-    };
-    FakeBackend& device_;
-    std::vector<Step> steps_;
   };
 
   // A word of the body that is an address, and not one of the device's: something of the host. A small number beside padding may look like an address too.

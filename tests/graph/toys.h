@@ -343,20 +343,20 @@ inline Buffer<double> PortTraits<toys::Numbers>::unrest(const toys::Numbers& bef
   return most;
 }
 template <>
-inline CudaLauncher cuda_launcher<toys::AddOffset>() {
-  return nullptr;
+inline CudaCode cuda_code<toys::AddOffset>() {
+  return {};
 }
 template <>
-inline CudaLauncher cuda_launcher<toys::GoTo>() {
-  return nullptr;
+inline CudaCode cuda_code<toys::GoTo>() {
+  return {};
 }
 template <>
-inline CudaLauncher cuda_launcher<toys::CountUntil>() {
-  return nullptr;
+inline CudaCode cuda_code<toys::CountUntil>() {
+  return {};
 }
 template <>
-inline CudaLauncher cuda_launcher<toys::LargestChange>() {
-  return nullptr;
+inline CudaCode cuda_code<toys::LargestChange>() {
+  return {};
 }
 
 namespace toys {
@@ -428,6 +428,14 @@ class Placed : public Node {
   In<Numbers> at{this, "at", {.doc = "anything"}};
   Out<Numbers> out{this, "out", {.doc = "the same"}};
   void evaluate(Context& context) const override { context.set(out, context.get(in)); }
+};
+
+// As many numbers as half the frame.
+class Grow : public Node {
+ public:
+  Out<Numbers> out{this, "value", {.doc = "zeros"}};
+  bool depends_on_frame() const override { return true; }
+  void evaluate(Context& context) const override { context.set(out, numbers(0, host_memory(), static_cast<size_t>((context.frame() + 1) / 2))); }
 };
 
 // Looks at its input from the host, wherever it runs.
@@ -502,6 +510,7 @@ inline const Registry& registry() {
     put<Explode>(r, "explode");
     put<Spread>(r, "spread");
     put<Placed>(r, "placed");
+    put<Grow>(r, "grow");
     put<Peek>(r, "peek");
     put<Break>(r, "break");
     return r;

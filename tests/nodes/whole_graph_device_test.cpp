@@ -9,6 +9,7 @@
 #include "io/graph_file.h"
 #include "kernels/data.h"
 #include "tests/graph/fake_device.h"
+#include "tests/kernels/on_device.h"
 
 namespace knead {
 namespace whole_graph_device_test {
@@ -165,7 +166,69 @@ TEST(WholeGraphOnADevice, FramesSideBySideAreThoseOneByOne) {
     ++frames;
   });
   EXPECT_EQ(frames, 5);
+  EXPECT_EQ(many.executor.figures().joined, 5u) << "their loops run as one";
+  EXPECT_EQ(one.executor.figures().joined, 0u);
 }
+
+class WholeGraphOnCuda : public testing::TestWithParam<bool> {
+ protected:
+  void SetUp() override {
+    cuda_ = on_device::device_named("cuda", GetParam());
+    KNEAD_NEEDS(cuda_);
+  }
+  std::unique_ptr<Executor> cuda_;
+};
+
+// Each round of the loop adds a few roundings of a coordinate and takes most of those before it back, so that they add up to far less than 90 times as much;
+// what is left is below what ends the loop (threshold 1e-4).
+TEST_P(WholeGraphOnCuda, GivesTheHostsShapeAndTheSameBytesAgain) {
+  constexpr double kRounding = 5e-5;  // of the diagonal
+  const auto serial = make_serial_executor();
+  for (const auto& [graph, frames] : {std::pair{kPress, std::vector<int>{1, 3, 5}}, {kDeep, std::vector<int>{1, 2}}}) {
+    OnExecutor here(*serial, graph), there(*cuda_, graph), again(*cuda_, graph);
+    for (const int frame : frames) {
+      const Results expected = here.get(frame), first = there.get(frame);
+      expect_same(first, again.get(frame), "frame " + std::to_string(frame) + " again");
+      ASSERT_EQ(first.surface.size(), expected.surface.size());
+      double worst = 0;
+      for (size_t i = 0; i < first.surface.size(); ++i) worst = std::max(worst, static_cast<double>(length(first.surface[i] - expected.surface[i])));
+      EXPECT_LT(worst / expected.diagonal, kRounding) << "frame " << frame;
+      EXPECT_NEAR(first.iterations, expected.iterations, 2) << "frame " << frame;
+    }
+  }
+}
+
+TEST_P(WholeGraphOnCuda, TransfersAllocatesAndLaunchesNothingInTheLoop) {
+  DeviceFigures few, many;
+  for (const int rounds : {5, 60}) {
+    const auto device = on_device::device_named("cuda", GetParam());
+    OnExecutor there(*device, kDeep, {{"press.max_iterations", rounds}, {"press.min_iterations", 1000}, {"press.threshold", 0.0}});
+    EXPECT_EQ(there.get(1).iterations, rounds);
+    (rounds == 5 ? few : many) = on_device::figures_of(*device);
+  }
+  EXPECT_EQ(few.allocations, many.allocations);
+  EXPECT_EQ(few.copies, many.copies);
+  EXPECT_EQ(few.launches, many.launches);
+  EXPECT_EQ(many.loops, 1u);
+}
+
+TEST_P(WholeGraphOnCuda, FramesSideBySideAreThoseOneByOne) {
+  OnExecutor single(*cuda_, kPress), batch(*cuda_, kPress);
+  batch.evaluator.evaluate_frames({5, 3, 1, 4, 2}, {"press.surface"}, false, [&](const FrameResult& result) {
+    ASSERT_FALSE(result.error) << result.error->what();
+    const auto points = result.values.at("press.surface").as<Surface>().points.host();
+    EXPECT_TRUE(same_bits({points.begin(), points.end()}, single.get(result.frame).surface)) << result.frame;
+  });
+}
+
+TEST_P(WholeGraphOnCuda, NothingTouchedMeansNothingChanged) {
+  OnExecutor there(*cuda_, kPress);
+  const Surface rest = there.evaluator.get<Surface>("body", 1);
+  EXPECT_TRUE(same_bits({rest.points.host().begin(), rest.points.host().end()}, there.get(1).surface));
+}
+
+INSTANTIATE_TEST_SUITE_P(Loops, WholeGraphOnCuda, testing::Values(true, false),
+                         [](const auto& info) { return std::string(info.param ? "InOneGraph" : "InBatches"); });
 
 }  // namespace whole_graph_device_test
 }  // namespace knead
