@@ -81,19 +81,24 @@ std::shared_ptr<const Plan> load_plan(const GraphArguments& arguments) {
 
 std::vector<ExecutorChoice> executor_choices() {
   const int threads = make_cpu_executor()->threads();
-  return {
-      {"cuda", "not in this build", false}, {"cpu", fmt::format("{} threads", threads), true}, {"serial", "one thread, for finding faults", true}};
+  const CudaDevices cuda = cuda_devices();
+  const std::string devices = fmt::format("{}", fmt::join(cuda.names, "; "));
+  return {{"cuda", cuda.names.empty() ? cuda.missing : devices, !cuda.names.empty()},
+          {"cpu", fmt::format("{} threads", threads), true},
+          {"serial", "one thread, for finding faults", true}};
 }
 
 std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments) {
+  const bool cuda = arguments.device == "cuda" || arguments.device == "auto";
+  if (cuda && !cuda_devices().names.empty()) return make_cuda_executor();
   if (arguments.device == "auto" || arguments.device == "cpu") return make_cpu_executor(arguments.threads);
   if (arguments.device == "serial") return make_serial_executor();
-  std::string present;
+  std::string why = "there is no such device", present;
   for (const ExecutorChoice& choice : executor_choices()) {
     if (choice.present) present += (present.empty() ? "" : ", ") + choice.name;
-    if (choice.name == arguments.device && !choice.present) present = fmt::format("{}; there are ", choice.description) + present;
+    if (choice.name == arguments.device) why = choice.description;
   }
-  throw UsageError(fmt::format("--device {} is not here: {}", arguments.device, present));
+  throw UsageError(fmt::format("--device {} is not here: {}; there are {}", arguments.device, why, present));
 }
 
 std::vector<std::string> unused_nodes(const Plan& plan) {

@@ -114,17 +114,20 @@ int run(const RunArguments& arguments) {
   const auto plan = load_plan(arguments.graph);
   const std::vector<int> frames = frames_of(arguments, *plan);
   const auto executor = make_executor(arguments.device);
+  const auto host = executor->device() == Device{} ? nullptr : make_cpu_executor(arguments.device.threads);  // for nodes that run on no device
   EvaluatorOptions options;
   options.executor = executor.get();
+  options.host_executor = host.get();
   options.checked = arguments.checked;
   options.cancelled = interrupted;
   Evaluator evaluator(plan, options);
   catch_interrupts();
   make_out_folder(arguments.graph.out);
   StatsFile stats(stats_path(arguments), arguments.resume);
+  const int threads = (host ? host : executor)->threads();
   if (!arguments.quiet)
-    fmt::print("{}: {} frame{} on {}, {} thread{}\n", arguments.graph.graph, frames.size(), frames.size() == 1 ? "" : "s", executor->name(),
-               executor->threads(), executor->threads() == 1 ? "" : "s");
+    fmt::print("{}: {} frame{} on {}{}, {} thread{}\n", arguments.graph.graph, frames.size(), frames.size() == 1 ? "" : "s", executor->name(),
+               host ? fmt::format(" ({})", executor_choices().front().description) : "", threads, threads == 1 ? "" : "s");
 
   Counts counts;
   std::vector<int> to_do;

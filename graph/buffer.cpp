@@ -187,15 +187,6 @@ void throw_shared_write() {
 void throw_type_mismatch(const PortType* is, const PortType& asked) {
   throw Error(ErrorCode::kInternal, std::string("a value of type ") + (is ? is->name : "nothing") + " was read as " + asked.name);
 }
-void copy_block(Executor& executor, const void* from, Device from_device, void* to, Device to_device, size_t bytes) {
-  executor.copy(from, from_device, to, to_device, bytes);
-}
-MemoryResource& memory_of(Executor& executor) {
-  return executor.memory();
-}
-Device device_of(Executor& executor) {
-  return executor.device();
-}
 
 }  // namespace detail
 }  // namespace knead

@@ -112,6 +112,16 @@ class Buffer {
   }
   std::span<const T> host() const { return view(Device{}); }
 
+  // The same storage, seen as elements of another type; a rest that is no whole element is left out.
+  template <class U>
+  Buffer<U> as() const {
+    Buffer<U> other;
+    other.block_ = block_;
+    other.size_ = bytes() / sizeof(U);
+    if (block_) block_->references.fetch_add(1, std::memory_order_relaxed);
+    return other;
+  }
+
   // Storage to fill before publishing. Throws when another handle shares it or when it is wrapped.
   T* data_for_write() {
     if (!block_) return nullptr;
@@ -120,6 +130,8 @@ class Buffer {
   }
 
  private:
+  template <class U>
+  friend class Buffer;
   detail::BufferBlock* block_ = nullptr;
   size_t size_ = 0;
 };

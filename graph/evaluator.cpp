@@ -3,12 +3,33 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <exception>
+#include <latch>
 #include <mutex>
 #include <set>
+#include <system_error>
+#include <thread>
 
 #include "graph/round.h"
 
 namespace knead {
+namespace {
+
+// A buffer's copy on another device, as the cache keeps it.
+struct CopiedBuffer {
+  Buffer<std::byte> bytes;
+};
+
+}  // namespace
+
+template <>
+struct PortTraits<CopiedBuffer> {
+  static constexpr const char* name = "CopiedBuffer";
+  template <class F>
+  static void each_buffer(CopiedBuffer& v, F&& f) {
+    f(v.bytes);
+  }
+};
 
 namespace {
 
@@ -27,6 +48,7 @@ struct FrameState {
   std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
   std::vector<std::optional<Error>> errors;
   std::vector<char> failed;  // it, or something that it needs
+  bool in_order = false;     // nodes one after the other, on the calling thread
   // Of the node and of all that it stands on: a frame that finds a node in the cache does not look at what is behind it.
   std::vector<std::vector<std::string>> warnings;
 };
@@ -57,7 +79,10 @@ struct Evaluator::Impl {
   std::vector<Source> targets_of(const std::vector<std::string>& outputs, bool effects) const;
   std::vector<char> reached_from(const std::vector<Source>& targets) const;
   void find_keys(int frame, const std::vector<char>& reached, std::vector<Key>& keys) const;
-  Value brought(const Value& value, const Key& key, Executor& to);
+  Value brought(const Value& value, Device there);
+  Buffer<std::byte> brought(const Buffer<std::byte>& buffer, Device there);
+  Buffer<std::byte> copied(const Buffer<std::byte>& buffer, Device there);
+  FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects, bool in_order);
   void fill(FrameState& state, const std::vector<Source>& targets);
   void run_nodes(FrameState& state, const std::vector<int>& nodes);
   void run_node(FrameState& state, int i);
@@ -78,6 +103,7 @@ class FrameContext final : public RoundContext {
   void warn(const std::string& message) override;
   Value once(const Key& key, FunctionRef<Value()> make) override;
   void add_time(const std::string& part, double seconds) override;
+  Buffer<std::byte> host_copy(const Buffer<std::byte>& buffer) override;
 
   void bring_inputs();
   void compare(const Cache::Result& cached);
@@ -138,10 +164,13 @@ void FrameContext::bring_inputs() {
   if (all_here) return;
   moved_.resize(ports.size());
   for (size_t port = 0; port < ports.size(); ++port)
-    for (const Source source : ports[port]) {
-      const Key key = Hasher().add(state_.keys[static_cast<size_t>(source.node)]).add(source.output).key();
-      if (const Value& value = round_.at(source)) moved_[port].push_back(evaluator_.brought(value, key, executor_));
-    }
+    for (const Source source : ports[port])
+      if (const Value& value = round_.at(source)) moved_[port].push_back(evaluator_.brought(value, executor_.device()));
+}
+
+// What the node has just launched may not have written it yet, and the cache must not keep it: the node has not published it.
+Buffer<std::byte> FrameContext::host_copy(const Buffer<std::byte>& buffer) {
+  return evaluator_.copied(buffer, Device{});
 }
 
 void FrameContext::compare(const Cache::Result& cached) {
@@ -193,18 +222,28 @@ void Evaluator::Impl::find_keys(int frame, const std::vector<char>& reached, std
   }
 }
 
-// The value, with its buffers where `to` can read them. The only place where data moves. `key` is the value's own: the cache keeps the copy under it,
-// so that all readers in all frames share one.
-Value Evaluator::Impl::brought(const Value& value, const Key& key, Executor& to) {
-  const Device there = to.device();
+// The value, with its buffers on device `there`.
+Value Evaluator::Impl::brought(const Value& value, Device there) {
   if (value.type()->on_device(value, there)) return value;
-  return cache->once(Hasher().add("copy").add(there.kind).add(there.index).add(key).key(), [&] {
-    ++transfers;
-    transferred_bytes += value.type()->bytes(value);
-    Value copy = there == Device{} ? value.type()->to_host(value, *device) : value.type()->moved(value, to);
-    device->synchronise();
-    return copy;
-  });
+  return value.type()->with_buffers(value, [&](const Buffer<std::byte>& buffer) { return brought(buffer, there); });
+}
+
+// The cache keeps the copy under the buffer's own id, so that all readers of it share one: in all frames, and in values that are new in every frame but hold
+// it, such as a field that moves with its collider.
+Buffer<std::byte> Evaluator::Impl::brought(const Buffer<std::byte>& buffer, Device there) {
+  if (buffer.device() == there) return buffer;
+  const Key key = Hasher().add("copy").add(there.kind).add(there.index).add(buffer.id()).key();
+  return cache->once(key, [&] { return Value::of(CopiedBuffer{copied(buffer, there)}); }).as<CopiedBuffer>().bytes;
+}
+
+// The only place where data moves.
+Buffer<std::byte> Evaluator::Impl::copied(const Buffer<std::byte>& buffer, Device there) {
+  ++transfers;
+  transferred_bytes += buffer.bytes();
+  Buffer<std::byte> copy(buffer.size(), there == Device{} ? host_memory() : device->memory());
+  device->copy(buffer.view(buffer.device()).data(), buffer.device(), copy.data_for_write(), there, buffer.bytes());
+  device->synchronise();
+  return copy;
 }
 
 // Fills the round for the targets: from the cache, and by running what it lacks. Checked mode runs everything, to compare.
@@ -246,7 +285,10 @@ void Evaluator::Impl::run_nodes(FrameState& state, const std::vector<int>& nodes
           successors[static_cast<size_t>(before)].push_back(static_cast<int>(t));
           ++waits_for[t];
         }
-  host->run_graph(successors, waits_for, [&](int t) { run_node(state, nodes[static_cast<size_t>(t)]); });
+  if (state.in_order)
+    for (const int node : nodes) run_node(state, node);
+  else
+    host->run_graph(successors, waits_for, [&](int t) { run_node(state, nodes[static_cast<size_t>(t)]); });
   const std::optional<Error>* first = nullptr;
   for (const std::optional<Error>& error : state.errors) {
     if (error && error->code() == ErrorCode::kCancelled) throw *error;
@@ -271,6 +313,7 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
     context.bring_inputs();
     ++evaluations[index];
     context.evaluate();
+    context.executor().synchronise();  // what is published is complete, for every thread
     state.times[index].push_back({node.name, seconds_since(start), false});
     seconds[index] += state.times[index].back().seconds;
     for (NodeTime& part : context.parts) state.times[index].push_back(std::move(part));
@@ -305,17 +348,19 @@ Executor& Evaluator::executor() const {
 }
 
 FrameResult Evaluator::evaluate(int frame, const std::vector<std::string>& outputs, bool effects) {
-  const std::vector<Source> targets = impl_->targets_of(outputs, effects);
+  return impl_->evaluate(frame, outputs, effects, false);
+}
+
+FrameResult Evaluator::Impl::evaluate(int frame, const std::vector<std::string>& outputs, bool effects, bool in_order) {
+  const std::vector<Source> targets = targets_of(outputs, effects);
   const auto start = std::chrono::steady_clock::now();
   FrameResult result;
   result.frame = frame;
-  FrameState state(frame, *impl_->plan);
+  FrameState state(frame, *plan);
+  state.in_order = in_order;
   try {
-    impl_->fill(state, targets);
-    for (size_t i = 0; i < outputs.size(); ++i) {
-      const Key key = Hasher().add(state.keys[static_cast<size_t>(targets[i].node)]).add(targets[i].output).key();
-      result.values[outputs[i]] = impl_->brought(state.round.at(targets[i]), key, *impl_->host);
-    }
+    fill(state, targets);
+    for (size_t i = 0; i < outputs.size(); ++i) result.values[outputs[i]] = brought(state.round.at(targets[i]), Device{});
   } catch (...) {
     result.error = error_in_flight();
     result.values.clear();
@@ -331,9 +376,40 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
                                 const std::function<void(FrameResult)>& done) {
   if (frames.empty()) return;
   prepare(frames.front(), outputs, effects);
-  const std::vector<int> starved = run_frames(frames, impl_->host->threads(), outputs, effects, done);
+  const std::vector<int> starved = run_frames(frames, std::max(impl_->host->threads(), impl_->device->frames_at_once()), outputs, effects, done);
   run_frames(starved, 1, outputs, effects, done);
 }
+
+namespace {
+
+// Lanes on threads of their own, which may wait for each other at the device: a thread of the host executor's must not, for the others would wait for it.
+void run_on_threads(Executor& device, size_t lanes, FunctionRef<void()> lane) {
+  std::mutex mutex;
+  std::exception_ptr error;
+  std::vector<std::thread> threads;
+  std::latch all(static_cast<std::ptrdiff_t>(lanes));
+  const auto run = [&] {
+    device.begin_frames();
+    all.arrive_and_wait();  // the first to reach a loop waits for those that follow
+    try {
+      lane();
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      error = std::current_exception();
+    }
+    device.end_frames();
+  };
+  try {
+    while (threads.size() < lanes) threads.emplace_back(run);
+  } catch (const std::system_error&) {  // no more threads: those that are there do it
+    if (threads.empty()) throw;
+    all.count_down(static_cast<std::ptrdiff_t>(lanes - threads.size()));
+  }
+  for (std::thread& thread : threads) thread.join();
+  if (error) std::rethrow_exception(error);
+}
+
+}  // namespace
 
 // Returns the frames that found too little memory beside others: each may have enough of it alone.
 std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_once, const std::vector<std::string>& outputs, bool effects,
@@ -342,9 +418,9 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
   std::vector<int> starved;
   std::atomic<size_t> next{0};
   std::mutex mutex;
-  impl_->host->run_graph(std::vector<std::vector<int>>(lanes), std::vector<int>(lanes), [&](int) {
+  const auto run_lane = [&](bool in_order) {
     for (size_t i; !impl_->cancelled() && (i = next++) < frames.size();) {
-      FrameResult result = evaluate(frames[i], outputs, effects);
+      FrameResult result = impl_->evaluate(frames[i], outputs, effects, in_order);
       if (result.error && result.error->code() == ErrorCode::kCancelled && impl_->cancelled()) return;
       const std::lock_guard lock(mutex);
       if (result.error && result.error->code() == ErrorCode::kMemory && lanes > 1) {
@@ -358,7 +434,11 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
         throw;
       }
     }
-  });
+  };
+  if (lanes > 1 && impl_->device->frames_at_once() > 1)
+    run_on_threads(*impl_->device, lanes, [&] { run_lane(true); });
+  else
+    impl_->host->run_graph(std::vector<std::vector<int>>(lanes), std::vector<int>(lanes), [&](int) { run_lane(false); });
   return starved;
 }
 

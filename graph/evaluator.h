@@ -2,7 +2,7 @@
 //
 // Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the
 // cache lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one
-// that runs on the host gets them back; both are counted, and a copy is made once for all its readers. A node that fails stops only what needs it.
+// that runs on the host gets them back; both are counted by buffer, and a copy is made once for all its readers. A node that fails stops only what needs it.
 #pragma once
 #include <functional>
 #include <map>

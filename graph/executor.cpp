@@ -11,6 +11,7 @@
 #include <queue>
 
 #include "graph/error.h"
+#include "graph/loop.h"
 
 namespace knead {
 namespace {
@@ -101,6 +102,13 @@ class CpuExecutor : public HostExecutor {
 };
 
 }  // namespace
+
+void Executor::launch(const Kernel& kernel, const void*, uint32_t) {
+  throw Error(ErrorCode::kDevice, std::string("kernel ") + kernel.name + " was launched on the " + name() + " executor, which is no device");
+}
+std::unique_ptr<LoopRecorder> Executor::record_loop() {
+  return nullptr;
+}
 
 std::unique_ptr<Executor> make_serial_executor() {
   return std::make_unique<SerialExecutor>();

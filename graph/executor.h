@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "graph/buffer.h"
+#include "graph/device_code.h"
 
 namespace knead {
 
@@ -23,6 +24,8 @@ class FunctionRef<R(A...)> {
   const void* object_;
   R (*call_)(const void*, A...);
 };
+
+class LoopRecorder;
 
 class Executor {
  public:
@@ -43,6 +46,23 @@ class Executor {
   // Copies bytes between devices; both ends must be the host or this executor's device. Only the scheduler calls it.
   virtual void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) = 0;
   virtual void synchronise() {}
+
+  // Devices only: runs a kernel's body over [0, n), after everything that this thread has launched here before, and returns before it has ended. The
+  // body is copied.
+  virtual void launch(const Kernel& kernel, const void* body, uint32_t n);
+  template <DeviceBody Body>
+  void launch(const Body& body, size_t n) {
+    if (n > 0) launch(kernel_of<Body>(), &body, static_cast<uint32_t>(n));
+  }
+
+  // How many frames it likes to be given at once, each by a thread of its own, so that it can run their loops as one; 1: no more than there are threads. Such
+  // a thread says when it begins and when it has no further frame.
+  virtual int frames_at_once() const { return 1; }
+  virtual void begin_frames() {}
+  virtual void end_frames() {}
+
+  // An executor for one round of a loop, which it records to run it many times without the host (graph/loop.h). Null where loops run from the host.
+  virtual std::unique_ptr<LoopRecorder> record_loop();
 };
 
 // One thread, in order: the debugger.
@@ -50,5 +70,15 @@ std::unique_ptr<Executor> make_serial_executor();
 
 // TBB in an arena of its own with `threads` threads (0, or more than the machine has: all of them), isolated from the host application's tasks.
 std::unique_ptr<Executor> make_cpu_executor(int threads = 0);
+
+// A CUDA device, with a stream for every thread that uses it. Throws Error(kDevice) that says what is missing. `graph_loops`: loops run as one graph that
+// repeats by itself where the driver can, else in batches of rounds.
+std::unique_ptr<Executor> make_cuda_executor(int index = 0, bool graph_loops = true);
+
+struct CudaDevices {
+  std::vector<std::string> names;  // by index, with memory and architecture
+  std::string missing;             // why there is none
+};
+CudaDevices cuda_devices();
 
 }  // namespace knead

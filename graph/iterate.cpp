@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "graph/loop.h"
 #include "graph/report.h"
 #include "graph/round.h"
 
@@ -21,20 +22,29 @@ by its largest displacement in the round over its diagonal, Contacts by their de
 where no state counts, all rounds are made. The report says which: `iterations`, `ended` (`at rest` or `iteration limit`) and `unrest`, the last
 round's distance from rest. A state that is no longer a number is an error.
 
-Body nodes that do not depend on the state run once. A round allocates nothing new: storage is used again as soon as its last reader has run.)";
+Body nodes that do not depend on the state run once. A round allocates nothing new: storage is used again as soon as its last reader has run.
+
+On a device the first round is run from the host, and the next one is recorded and then repeated on the device alone: nothing is transferred, allocated or
+decided by the host until the loop ends. What changes from round to round must therefore be in the state's buffers. A body with a node of the host runs on the
+host as a whole.)";
 
 // A body node sees its round, and through it what the loop's own context says of frame, executor, cancellation and cache.
 class BodyContext final : public RoundContext {
  public:
-  BodyContext(Round& round, int node, const std::vector<Source>& dies, Context& outer) : RoundContext(round, node), dies_(dies), outer_(outer) {}
+  BodyContext(Round& round, int node, const std::vector<Source>& dies, Context& outer, LoopRecorder* recorder)
+      : RoundContext(round, node), dies_(dies), outer_(outer), recorder_(recorder) {}
   // What dies with its own maker has no reader.
   bool wants_output(int port) const override { return std::find(dies_.begin(), dies_.end(), Source{node_, port}) == dies_.end(); }
-  Executor& executor() const override { return outer_.executor(); }
+  Executor& executor() const override { return recorder_ ? *recorder_ : outer_.executor(); }
   bool checked() const override { return outer_.checked(); }
   bool cancelled() const override { return outer_.cancelled(); }
   void warn(const std::string& message) override { outer_.warn(message); }
   Value once(const Key& key, FunctionRef<Value()> make) override { return outer_.once(Hasher().add(plan_node().static_key).add(key).key(), make); }
   void add_time(const std::string& part, double seconds) override { outer_.add_time(part, seconds); }
+  Buffer<std::byte> host_copy(const Buffer<std::byte>& buffer) override {
+    if (recorder_) recorder_->give_up("a transfer");
+    return outer_.host_copy(buffer);
+  }
 
  protected:
   int frame_number() const override { return outer_.frame(); }
@@ -42,16 +52,50 @@ class BodyContext final : public RoundContext {
  private:
   const std::vector<Source>& dies_;
   Context& outer_;
+  LoopRecorder* recorder_;  // null: rounds are run one by one
 };
 
-void run_body(Round& round, bool first, const std::vector<std::vector<Source>>& dies_after, std::vector<double>& seconds, Context& outer) {
+void run_body(Round& round, bool first, const std::vector<std::vector<Source>>& dies_after, std::vector<double>& seconds, Context& outer,
+              LoopRecorder* recorder = nullptr) {
   for (size_t i = 0; i < round.plan.nodes.size(); ++i) {
     if (!first && !round.plan.nodes[i].state_dependent) continue;
     const auto start = std::chrono::steady_clock::now();
-    BodyContext(round, static_cast<int>(i), dies_after[i], outer).evaluate();
+    BodyContext(round, static_cast<int>(i), dies_after[i], outer, recorder).evaluate();
     for (const Source source : dies_after[i]) round.at(source) = Value();
     seconds[i] += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
+}
+
+constexpr int kRoundsOnDevice = 512;  // until the host looks whether it was cancelled
+
+const uint32_t* words(const Buffer<std::byte>& buffer) {
+  return reinterpret_cast<const uint32_t*>(buffer.view(buffer.device()).data());
+}
+
+// What has to be written over what, for the next state to be the state. False when the two differ in shape, or when one state becomes another.
+bool find_ranges(const std::vector<Value>& state, const std::vector<Value>& next, Device device, LoopCommit& commit, size_t& longest) {
+  std::vector<Buffer<std::byte>> to, from;
+  for (const auto& [values, buffers] : {std::pair{&state, &to}, {&next, &from}})
+    for (const Value& value : *values) {
+      if (!value) return false;
+      value.type()->with_buffers(value, [&](const Buffer<std::byte>& buffer) {
+        buffers->push_back(buffer);
+        return buffer;
+      });
+      buffers->emplace_back();  // parts states from each other
+    }
+  if (to.size() != from.size()) return false;
+  for (size_t b = 0; b < to.size(); ++b) {
+    if (to[b].size() != from[b].size()) return false;
+    if (to[b].id() == from[b].id() || to[b].empty()) continue;
+    if (to[b].device() != device || from[b].device() != device || commit.count == LoopCommit::kMostRanges) return false;
+    for (const Buffer<std::byte>& other : to)
+      if (other.id() == from[b].id()) return false;
+    const size_t size = words_of(to[b].bytes());
+    longest = std::max(longest, size);
+    commit.ranges[commit.count++] = {words(from[b]), const_cast<uint32_t*>(words(to[b])), static_cast<uint32_t>(size)};
+  }
+  return true;
 }
 
 }  // namespace
@@ -125,28 +169,25 @@ void Iterate::evaluate(Context& context) const {
     if (context.input_count(static_cast<int>(i))) round.externals[i] = context.input(static_cast<int>(i), 0);
   std::vector<double> seconds(body_.nodes.size());
   std::vector<Value> next(states_.size());
-  double unrest = 0;
-  int iterations = 0;
-  bool at_rest = false;
-  while (iterations < max_iterations() && !at_rest) {
+  LoopProgress progress;
+  while (progress.iterations < max_iterations() && !progress.at_rest) {
     context.check_cancelled();
-    run_body(round, iterations == 0, dies_after_, seconds, context);
-    ++iterations;
-    unrest = 0;
+    run_body(round, progress.iterations == 0, dies_after_, seconds, context);
+    for (size_t s = 0; s < states_.size(); ++s) next[s] = round.at(states_[s].next);
+    if (progress.iterations == 0 && max_iterations() > 1 && stay_on_device(context, round, next, seconds, progress)) break;
+    ++progress.iterations;
+    progress.unrest = 0;
     bool measured = false;
     for (size_t s = 0; s < states_.size(); ++s) {
-      next[s] = round.at(states_[s].next);
       if (!next[s] || !next[s].type()->unrest) continue;
       const Value& before = round.externals[s];
-      const double change = next[s].type()->unrest(before ? before : next[s], next[s], context.executor());
-      if (!std::isfinite(change))
-        throw Error(ErrorCode::kInput, "state '" + states_[s].name + "' is no longer a number after " + std::to_string(iterations) + " rounds",
-                    "lower the relaxation or the stiffness");
-      unrest = std::max(unrest, change);
+      const double change = context.on_host(next[s].type()->unrest(before ? before : next[s], next[s], context.executor())).host()[0];
+      if (!std::isfinite(change)) throw_broken(s, progress.iterations);
+      progress.unrest = std::max(progress.unrest, change);
       measured = true;
     }
     for (size_t s = 0; s < states_.size(); ++s) round.externals[s] = std::move(next[s]);
-    at_rest = measured && iterations >= min_iterations() && unrest <= threshold();
+    progress.at_rest = measured && progress.iterations >= min_iterations() && progress.unrest <= threshold();
   }
   for (size_t i = 0; i < body_.nodes.size(); ++i) context.add_time(body_.nodes[i].name, seconds[i]);
   for (size_t s = 0; s < states_.size(); ++s) {
@@ -156,10 +197,81 @@ void Iterate::evaluate(Context& context) const {
     context.set_output(static_cast<int>(s), std::move(round.externals[s]));
   }
   Report report;
-  report.set("iterations", iterations);
-  report.set("ended", at_rest ? "at rest" : "iteration limit");
-  report.set("unrest", unrest);
+  report.set("iterations", progress.iterations);
+  report.set("ended", progress.at_rest ? "at rest" : "iteration limit");
+  report.set("unrest", progress.unrest);
   context.set_output(static_cast<int>(states_.size()), Value::of(std::move(report)));
+}
+
+// Makes the rounds after the first on the device, if the device can and nothing in the body needs the host. `round` and `next` are as the first round left
+// them, not yet counted; where this is true the states are in round.externals and `progress` says how the loop ended.
+bool Iterate::stay_on_device(Context& context, Round& round, const std::vector<Value>& next, std::vector<double>& seconds, LoopProgress& progress) const {
+  Executor& executor = context.executor();
+  const std::unique_ptr<LoopRecorder> recorder = executor.record_loop();
+  if (!recorder) return false;
+
+  // The states get storage of their own, which is the same in every round.
+  std::vector<Value> state;
+  for (const Value& value : next) {
+    if (!value) return false;
+    state.push_back(value.type()->with_buffers(value, [&](const Buffer<std::byte>& from) {
+      if (from.device() != executor.device()) return from;
+      Buffer<std::byte> own(from.size(), executor.memory());
+      executor.launch(CopyWords{words(from), reinterpret_cast<uint32_t*>(own.data_for_write())}, words_of(from.bytes()));
+      return own;
+    }));
+  }
+  Buffer<LoopProgress> on_device(1, executor.memory());
+  LoopEnd end{};
+  end.progress = on_device.data_for_write();
+  end.threshold = threshold();
+  end.min_iterations = min_iterations();
+  end.max_iterations = max_iterations();
+  const auto measure = [&](const std::vector<Value>& before, const std::vector<Value>& after, Executor& on, std::vector<Buffer<double>>& kept) {
+    end.count = 0;
+    for (size_t s = 0; s < after.size(); ++s) {
+      if (!after[s].type()->unrest) continue;
+      if (end.count == LoopEnd::kMostStates) return false;
+      kept.push_back(after[s].type()->unrest(before[s] ? before[s] : after[s], after[s], on));
+      end.state[end.count] = static_cast<int32_t>(s);
+      end.unrest[end.count++] = kept.back().view(on.device()).data();
+    }
+    return true;
+  };
+  std::vector<Buffer<double>> unrest;
+  if (!measure(round.externals, next, executor, unrest)) return false;
+  executor.launch(LoopBegin{end.progress}, 1);
+  executor.launch(LoopGo{end.progress, 1}, 1);
+  executor.launch(end, 1);
+
+  // Recorded storage dies before the recorder does.
+  Round recorded = round;
+  std::vector<Value> after(states_.size());
+  std::vector<Buffer<double>> recorded_unrest;
+  LoopCommit commit{};
+  commit.progress = end.progress;
+  size_t longest = 0;
+  std::copy(state.begin(), state.end(), recorded.externals.begin());
+  try {
+    run_body(recorded, false, dies_after_, seconds, context, recorder.get());
+    for (size_t s = 0; s < states_.size(); ++s) after[s] = recorded.at(states_[s].next);
+    if (!measure(state, after, *recorder, recorded_unrest) || !find_ranges(state, after, executor.device(), commit, longest)) return false;
+  } catch (const Error&) {
+    if (recorder->gave_up()) return false;
+    throw;
+  }
+  do {
+    context.check_cancelled();
+    progress = recorder->run(end, commit, longest, kRoundsOnDevice);
+  } while (progress.going);
+  if (progress.broken >= 0) throw_broken(static_cast<size_t>(progress.broken), progress.iterations);
+  std::move(state.begin(), state.end(), round.externals.begin());
+  return true;
+}
+
+void Iterate::throw_broken(size_t state, int rounds) const {
+  throw Error(ErrorCode::kInput, "state '" + states_[state].name + "' is no longer a number after " + std::to_string(rounds) + " rounds",
+              "lower the relaxation or the stiffness");
 }
 
 KNEAD_REGISTER(iterate, Iterate, 1, kManual)

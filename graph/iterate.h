@@ -6,6 +6,9 @@
 
 namespace knead {
 
+struct LoopProgress;
+struct Round;
+
 class Iterate : public Node {
  public:
   Param<int> max_iterations{this, "max_iterations", 250, {.min = 0, .max = 1000000, .doc = "rounds after which the loop ends in any case"}};
@@ -33,6 +36,8 @@ class Iterate : public Node {
 
  private:
   void find_last_readers();
+  bool stay_on_device(Context& context, Round& round, const std::vector<Value>& next, std::vector<double>& seconds, LoopProgress& progress) const;
+  [[noreturn]] void throw_broken(size_t state, int rounds) const;
 
   Plan body_;
   std::vector<State> states_;

@@ -57,6 +57,10 @@ OutBase::OutBase(Node* owner, const char* name, const PortType& type, PortSpec s
   owner->outputs_.push_back({name, &type, spec});
 }
 
+Buffer<std::byte> Context::host_copy(const Buffer<std::byte>& buffer) {
+  throw Error(ErrorCode::kDevice, "a buffer on " + buffer.device().text() + " is needed on the host, where nothing here can bring it");
+}
+
 void Context::check_cancelled() const {
   if (cancelled()) throw Error(ErrorCode::kCancelled, "cancelled");
 }

@@ -221,6 +221,14 @@ class Context {
 
   virtual bool wants_output(int) const { return true; }
 
+  // What a node on a device needs to see: the buffer where the host can read it. Counted as a transfer, and one that a loop on a device does not make
+  // from round to round: there, the loop is run from the host instead.
+  template <class T>
+  Buffer<T> on_host(const Buffer<T>& buffer) {
+    return buffer.device() == Device{} ? buffer : host_copy(buffer.template as<std::byte>()).template as<T>();
+  }
+  virtual Buffer<std::byte> host_copy(const Buffer<std::byte>& buffer);
+
   // For structural nodes.
   virtual const Value& input(int port, size_t i) const = 0;
   virtual size_t input_count(int port) const = 0;

@@ -5,7 +5,9 @@
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
 //   and optionally
 //   static void hash(const T&, Hasher&)                              what the buffers do not hold, for checked mode's comparisons
-//   static double unrest(const T& before, const T& after, Executor&)  how far from rest a loop's state is, over its own size; `iterate` stops on it
+//   static Buffer<double> unrest(const T& before, const T& after, Executor&)
+//                                                                   how far from rest a loop's state is, over its own size, as one number on the
+//                                                                   executor's device; `iterate` stops on it. No number, or infinite: a broken state
 #pragma once
 #include <atomic>
 #include <memory>
@@ -13,11 +15,11 @@
 #include <utility>
 
 #include "graph/buffer.h"
+#include "graph/executor.h"
 #include "graph/hash.h"
 
 namespace knead {
 
-class Executor;
 template <class T>
 struct PortTraits;
 
@@ -27,10 +29,9 @@ struct PortType {
   const char* name;
   size_t (*bytes)(const Value&);                                         // of all its buffers
   bool (*on_device)(const Value&, Device);                               // every buffer lives there
-  Value (*moved)(const Value&, Executor& from_to);                       // a copy with every buffer on the executor's device
-  Value (*to_host)(const Value&, Executor& from);                        // and back
+  Value (*with_buffers)(const Value&, FunctionRef<Buffer<std::byte>(const Buffer<std::byte>&)>);  // a copy with its buffers replaced
   Key (*content)(const Value&);                                          // hash of all host buffers and of PortTraits<T>::hash; checked mode
-  double (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
+  Buffer<double> (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
 };
 
 template <class T>
@@ -85,8 +86,6 @@ class Value {
 
 namespace detail {
 [[noreturn]] void throw_type_mismatch(const PortType* is, const PortType& asked);
-void copy_block(Executor& executor, const void* from, Device from_device, void* to, Device to_device, size_t bytes);
-MemoryResource& memory_of(Executor& executor);
 }  // namespace detail
 
 template <class T>
@@ -112,21 +111,6 @@ const T& Value::as() const {
   return *value;
 }
 
-namespace detail {
-template <class T>
-Value move_value(const Value& value, Executor& executor, Device to, MemoryResource& memory) {
-  T copy = value.as<T>();
-  PortTraits<T>::each_buffer(copy, [&](auto& buffer) {
-    if (!buffer || buffer.device() == to) return;
-    auto moved = std::remove_reference_t<decltype(buffer)>(buffer.size(), memory);
-    copy_block(executor, buffer.view(buffer.device()).data(), buffer.device(), moved.data_for_write(), to, buffer.bytes());
-    buffer = std::move(moved);
-  });
-  return Value::of<T>(std::move(copy));
-}
-Device device_of(Executor& executor);
-}  // namespace detail
-
 template <class T>
 const PortType& port_type() {
   static const PortType type = [] {
@@ -142,10 +126,13 @@ const PortType& port_type() {
       PortTraits<T>::each_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) { all = all && (!buffer || buffer.device() == device); });
       return all;
     };
-    t.moved = [](const Value& value, Executor& executor) {
-      return detail::move_value<T>(value, executor, detail::device_of(executor), detail::memory_of(executor));
+    t.with_buffers = [](const Value& value, FunctionRef<Buffer<std::byte>(const Buffer<std::byte>&)> replace) {
+      T copy = value.as<T>();
+      PortTraits<T>::each_buffer(copy, [&]<class U>(Buffer<U>& buffer) {
+        if (buffer) buffer = replace(buffer.template as<std::byte>()).template as<U>();
+      });
+      return Value::of<T>(std::move(copy));
     };
-    t.to_host = [](const Value& value, Executor& executor) { return detail::move_value<T>(value, executor, Device{}, host_memory()); };
     t.content = [](const Value& value) {
       Hasher hasher;
       if constexpr (requires(const T& v, Hasher& h) { PortTraits<T>::hash(v, h); }) PortTraits<T>::hash(value.as<T>(), hasher);

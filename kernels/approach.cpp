@@ -216,7 +216,6 @@ std::vector<WayIn> ways_in(Executor& executor, const CollideInput& input, std::s
     if (triangles.empty()) continue;
     CollideInput one = input;
     one.colliders = std::span(&collider, 1);
-    one.shifts = {};
     Patch patch(executor, one, triangles);
     if (patch.hit()) ways.back() = patch.way_in(rest_mesh);
   }

@@ -48,13 +48,6 @@ void check_margin(const Sdf& sdf, const Similarity& body, double margin, size_t 
               margin < 0 ? "a margin is zero or positive" : "raise mesh_to_sdf's band, or lower the margin");
 }
 
-// The collider moved by `shift`, M's local units.
-static void shift_collider(ColliderView& view, const Vec3d& shift) {
-  const Vec3f moved = to_float(shift);
-  view.offset = CollidePush::to_index(view, -moved);
-  view.centre += moved;
-}
-
 CollidePush make_push(Executor& executor, const CollideInput& input) {
   if (input.colliders.size() > kMostColliders)
     throw Error(ErrorCode::kInput, std::to_string(input.colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one push takes",
@@ -65,23 +58,23 @@ CollidePush make_push(Executor& executor, const CollideInput& input) {
   for (size_t k = 0; k < input.colliders.size(); ++k) {
     check_margin(*input.colliders[k], input.placement, input.margin, k);
     body.colliders[k] = view_collider(*input.colliders[k], executor.device(), input.placement);
-    if (k < input.shifts.size()) shift_collider(body.colliders[k], input.shifts[k]);
   }
   body.count = static_cast<uint32_t>(input.colliders.size());
   body.margin = static_cast<float>(input.margin);
   body.rate = static_cast<float>(input.rate);
   body.most = static_cast<float>(input.most);
+  body.diagonal = input.diagonal;
+  body.before = input.before;
+  body.stand_back = input.stand_back.empty() ? nullptr : input.stand_back.data();
   return body;
 }
 
-CollideFigures collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out) {
+void collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out, ContactProgress* after) {
   CollidePush body = make_push(executor, input);
   body.displacement = displacement;
   body.memory_out = memory_out;
-  const ContactFigures sum = parallel_reduce(executor, input.points.size(), "collide_push", ContactFigures{}, body, [](const ContactFigures& a, const ContactFigures& b) {
-    return ContactFigures{std::max(a.deepest, b.deepest), a.inside + b.inside, a.pushed + b.pushed};
-  });
-  return {sum.deepest, sum.inside, sum.pushed};
+  body.after = after;
+  reduce(executor, input.points.size(), body);
 }
 
 void add_displacement(Executor& executor, std::span<const Vec3f> points, const Vec3f* displacement, Vec3f* moved) {

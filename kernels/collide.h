@@ -21,21 +21,18 @@ struct CollideInput {
   std::span<const Vec3f> points;          // M's local space, on the executor's device
   std::span<const float> memory;          // lambda per vertex, or empty
   Similarity placement;                   // of M
-  std::span<const Vec3d> shifts;          // per collider: how far it stands back from its place, M's local space; or empty
   std::span<const Sdf* const> colliders;  // their grids on the executor's device
   double margin = 0;                      // M's local units
   double rate = 1;                        // of the contact memory
   double most = 0;                        // upper bound of the contact memory, M's local units
+  double diagonal = 0;                    // of M at rest, local units
+  const ContactProgress* before = nullptr;  // of the push before, on the executor's device; null: this is the first
+  std::span<const Vec3f> stand_back;        // per collider: where it begins, away from its place, M's local space, on the executor's device; or empty
 };
 
-struct CollideFigures {
-  double deepest = 0;  // penetration, M's local units
-  size_t inside = 0;   // vertices in collision
-  size_t pushed = 0;   // vertices with a displacement that is not zero
-};
-
-// d_i and the new memory for every vertex. Throws Error(kInput) for more than kMostColliders colliders or a margin beyond a collider's band.
-CollideFigures collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out);
+// d_i and the new memory for every vertex, and how it went; all on the executor's device. Throws Error(kInput) for more than kMostColliders colliders or a
+// margin beyond a collider's band.
+void collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out, ContactProgress* after);
 
 // moved_i = points_i + displacement_i
 void add_displacement(Executor& executor, std::span<const Vec3f> points, const Vec3f* displacement, Vec3f* moved);

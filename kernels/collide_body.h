@@ -2,6 +2,7 @@
 #pragma once
 #include <cstdint>
 
+#include "kernels/data.h"
 #include "kernels/sdf_sample.h"
 #include "kernels/vec.h"
 
@@ -26,10 +27,15 @@ struct ContactFigures {
 };
 
 struct CollidePush {
+  static constexpr const char* kKernel = "collide_push";
   const Vec3f* points;        // [n] M's local space
   const float* memory;        // [n] lambda, local units; null: none yet
   Vec3f* displacement;        // [n] d_i, M's local space
   float* memory_out;          // [n]
+  const Vec3f* stand_back;    // [count] where each collider began, away from its place, M's local space; null: in its place
+  const ContactProgress* before;  // of the push before this; null: this is the first
+  ContactProgress* after;
+  double diagonal;            // of M at rest, local units
   ColliderView colliders[kMostColliders];
   uint32_t count;
   float margin;               // local units: phi is measured from this far outside the collider
@@ -60,12 +66,19 @@ struct CollidePush {
     return g * (1 / size);
   }
 
+  // The part of the colliders' way in that is left in this push.
+  KNEAD_HD float way_left() const {
+    return stand_back && before && before->step + 1 < before->steps ? 1 - static_cast<float>(before->step + 1) / static_cast<float>(before->steps) : 0.0f;
+  }
+  // y as collider k sees it while it stands back.
+  KNEAD_HD Vec3f seen_by(uint32_t k, const Vec3f& y, float left) const { return left > 0 ? y - stand_back[k] * left : y; }
+
   // The distance of y above the margin of the collider that it is deepest in, and which that is.
-  KNEAD_HD float distance(const Vec3f& y, uint32_t& nearest) const {
+  KNEAD_HD float distance(const Vec3f& y, uint32_t& nearest, float left = 0) const {
     float phi = 3.4e38f;
     for (uint32_t k = 0; k < count; ++k) {
       SdfSampler sampler(colliders[k].sdf);
-      const float value = sampler.value(to_index(colliders[k], y)) * colliders[k].scale - margin;
+      const float value = sampler.value(to_index(colliders[k], seen_by(k, y, left))) * colliders[k].scale - margin;
       if (value < phi) phi = value, nearest = k;
     }
     return phi;
@@ -74,9 +87,9 @@ struct CollidePush {
   KNEAD_HD ContactFigures operator()(uint32_t i) const {
     const Vec3f y = points[i];
     uint32_t nearest = 0;
-    const float phi = distance(y, nearest);
-    const float before = memory ? memory[i] : 0.0f;
-    float lambda = before - rate * phi;
+    const float left = way_left(), phi = distance(y, nearest, left);
+    const float kept = memory ? memory[i] : 0.0f;
+    float lambda = kept - rate * phi;
     lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
     const float push = lambda > -phi ? lambda : -phi;  // never less than the penetration itself
     ContactFigures figures;
@@ -87,15 +100,36 @@ struct CollidePush {
       figures.deepest = -phi;
     }
     if (push > 0) {
-      const Vec3f d = outwards(colliders[nearest], y, phi < 0) * push;
+      const Vec3f d = outwards(colliders[nearest], seen_by(nearest, y, left), phi < 0) * push;
       displacement[i] = d;
       figures.pushed = d.x != 0 || d.y != 0 || d.z != 0;
     }
     return figures;
   }
+  static KNEAD_HD ContactFigures combine(const ContactFigures& a, const ContactFigures& b) {
+    return {a.deepest < b.deepest ? b.deepest : a.deepest, a.inside + b.inside, a.pushed + b.pushed};
+  }
+  KNEAD_HD void finish(const ContactFigures& figures) const {
+    ContactProgress now;
+    double away = figures.deepest;
+    const float left = way_left();
+    if (left > 0)  // the loop must not end on the way
+      for (uint32_t k = 0; k < count; ++k) {
+        const double stands = static_cast<double>(length(stand_back[k]) * left);
+        away = stands > away ? stands : away;
+      }
+    now.unrest = diagonal > 0 ? away / diagonal : 0.0;
+    now.deepest = figures.deepest;
+    now.inside = figures.inside;
+    now.pushed = figures.pushed;
+    now.steps = before ? before->steps : 0;
+    now.step = before && before->step < before->steps ? before->step + 1 : now.steps;
+    *after = now;
+  }
 };
 
 struct AddDisplacement {
+  static constexpr const char* kKernel = "add_displacement";
   const Vec3f* points;
   const Vec3f* displacement;
   Vec3f* moved;

@@ -1,7 +1,9 @@
 #include "kernels/data.h"
 
+#include <algorithm>
 #include <limits>
 
+#include "kernels/unrest_body.h"
 #include "kernels/parallel.h"
 
 namespace knead {
@@ -33,16 +35,14 @@ bool operator==(const Similarity& a, const Similarity& b) {
          a.translation.z == b.translation.z;
 }
 
-double PortTraits<Surface>::unrest(const Surface& before, const Surface& after, Executor& executor) {
-  const auto a = before.points.view(executor.device());
-  const auto b = after.points.view(executor.device());
-  if (a.size() != b.size()) return std::numeric_limits<double>::infinity();
-  if (a.data() == b.data()) return 0;
-  const double squared = reduce_max(executor, a.size(), "unrest", [pa = a.data(), pb = b.data()](uint32_t i) {
-    const Vec3f d = pb[i] - pa[i];
-    return static_cast<double>(dot(d, d));
-  });
-  return std::sqrt(squared) / std::max(after.diagonal(), std::numeric_limits<double>::min());
+Buffer<double> PortTraits<Surface>::unrest(const Surface& before, const Surface& after, Executor& executor) {
+  const auto a = before.points.view(executor.device()), b = after.points.view(executor.device());
+  if (a.size() != b.size())
+    throw Error(ErrorCode::kInput, "a surface of " + std::to_string(a.size()) + " vertices became one of " + std::to_string(b.size()) + " in a loop");
+  Buffer<double> unrest(1, executor.memory());
+  reduce(executor, a.size(),
+         LargestMove{a.data(), b.data(), unrest.data_for_write(), std::max(after.diagonal(), std::numeric_limits<double>::min())});
+  return unrest;
 }
 
 }  // namespace knead

@@ -138,12 +138,19 @@ struct Sdf {
   std::shared_ptr<const Surface> mesh;        // the collider's triangles in the same local space, for exact projection; may be null
 };
 
-// What collide_sdf remembers of each vertex of M between iterations: the contact memory lambda >= 0 of method.md 3, local units of M.
+// How the last push went, where the loop's stopping rule reads it.
+struct ContactProgress {
+  double unrest = 0;                 // deepest penetration met, or how far a collider still stands back, as a fraction of M's rest diagonal
+  float deepest = 0;                 // penetration, M's local units
+  uint32_t inside = 0, pushed = 0;   // vertices in collision, and with a displacement that is not zero
+  int32_t step = -1, steps = 0;      // of the colliders' way in; at `steps` they are in their places
+};
+
+// What collide_sdf remembers of each vertex of M between iterations.
 struct Contacts {
-  Buffer<float> memory;
-  double deepest = 0;  // deepest penetration met in the last push, as a fraction of M's rest diagonal
-  std::vector<Vec3d> stand_back{};  // per collider: where it began, away from its place, M's local space (kernels/approach.h); empty: in its place
-  int step = 0, steps = 0;          // of its way in; at `steps` it is in its place
+  Buffer<float> memory;              // lambda >= 0 of method.md 3, local units of M; empty: all zero
+  Buffer<ContactProgress> progress;  // one
+  Buffer<Vec3f> stand_back;          // per collider: where it began, away from its place, M's local space (kernels/approach.h); empty: in its place
 };
 
 #define KNEAD_PORT_TYPE(T, ...)                          \
@@ -161,14 +168,14 @@ struct PortTraits<Surface> {
   static constexpr const char* name = "Surface";
   template <class F>
   static void each_buffer(Surface& v, F&& f) { f(v.points); }
-  static double unrest(const Surface& before, const Surface& after, Executor& executor);  // largest displacement of a vertex over the diagonal
+  static Buffer<double> unrest(const Surface& before, const Surface& after, Executor& executor);  // largest displacement of a vertex over the diagonal
 };
 template <>
 struct PortTraits<Contacts> {
   static constexpr const char* name = "Contacts";
   template <class F>
-  static void each_buffer(Contacts& v, F&& f) { f(v.memory); }
-  static double unrest(const Contacts&, const Contacts& after, Executor&) { return after.deepest; }
+  static void each_buffer(Contacts& v, F&& f) { f(v.memory); f(v.progress); f(v.stand_back); }
+  static Buffer<double> unrest(const Contacts&, const Contacts& after, Executor&) { return after.progress.as<double>(); }
 };
 KNEAD_PORT_TYPE(Points, { f(v.values); })
 KNEAD_PORT_TYPE(Weights, { f(v.values); })

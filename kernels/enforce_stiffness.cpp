@@ -7,7 +7,6 @@
 namespace knead {
 
 Buffer<Vec3f> enforce_stiffness(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets, const EnforceStiffnessSettings& settings) {
-  require_host(executor, "enforce_stiffness");
   require_size(points.size(), tets.vertices(), "enforce_stiffness", "points", "vertices of the tet mesh");
   if (settings.weights) require_size(settings.weights->size(), tets.vertices(), "enforce_stiffness", "weights", "vertices of the tet mesh");
   const Buffer<Vec3f> from = padded(executor, points);

@@ -7,6 +7,7 @@
 namespace knead {
 
 struct EnforceStiffness {
+  static constexpr const char* kKernel = "enforce_stiffness";
   const Vec3f* from;      // x, tet space
   Vec3f* to;
   LaneTable edges;

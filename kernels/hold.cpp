@@ -1,6 +1,5 @@
 #include "kernels/hold.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 
@@ -12,24 +11,11 @@
 namespace knead {
 namespace {
 
-using Sums = std::array<double, RigidSums::kSums>;
-
-Sums rigid_sums(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets) {
+FitRigid fit_body(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets) {
   const Device device = executor.device();
-  const NeighbourTable& lanes = tets.vertex_tets;
-  const RigidSums body{points.view(device).data(), tets.rest.view(device).data(), lanes.order.view(device).data(), tets.lane_volumes.view(device).data()};
-  const auto run = loop_lanes(executor).rigid_sums;
-  constexpr size_t kMostPieces = 64;
-  const size_t most = (lanes.lanes + kMostPieces - 1) / kMostPieces, block = NeighbourTable::kLaneBlock;
-  const size_t piece = std::max<size_t>(kLanesPerPiece, (most + block - 1) / block * block);
-  std::array<Sums, kMostPieces> partial;
-  executor.parallel_ranges(lanes.lanes, piece, [&](size_t begin, size_t end) {
-    run(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end), partial[begin / piece].data());
-  });
-  Sums sums{};
-  for (size_t p = 0; p * piece < lanes.lanes; ++p)
-    for (size_t k = 0; k < sums.size(); ++k) sums[k] += partial[p][k];
-  return sums;
+  FitRigid body{};
+  body.sums = {points.view(device).data(), tets.rest.view(device).data(), tets.vertex_tets.order.view(device).data(), tets.lane_volumes.view(device).data()};
+  return body;
 }
 
 void check_paint(const Buffer<float>& paint, const Lattice* lattice, const char* what) {
@@ -37,43 +23,8 @@ void check_paint(const Buffer<float>& paint, const Lattice* lattice, const char*
   require_size(paint.size(), lattice->rest.vertices(), "hold", what, "vertices of the surface that the lattice binds");
 }
 
-}  // namespace
-
-RigidFit rigid_fit(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets) {
-  const Sums s = rigid_sums(executor, padded(executor, points), tets);
-  RigidFit fit;
-  const double weight = s[0], travelled = s[1];
-  if (!(weight > 0) || travelled == 0) return fit;
-  fit.moved = true;
-  const Vec3d step = (1 / weight) * Vec3d{s[2], s[3], s[4]};
-  fit.rest_centre = (1 / weight) * Vec3d{s[5], s[6], s[7]};
-  fit.centre = fit.rest_centre + step;
-  constexpr int kUpper[3][3] = {{17, 18, 19}, {18, 20, 21}, {19, 21, 22}};
-  Eigen::Matrix3d covariance;
-  for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) covariance(a, b) = (s[8 + 3 * a + b] + s[kUpper[a][b]]) / weight - fit.centre[a] * fit.rest_centre[b];
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d spread = svd.singularValues();
-  if (!(spread(1) > 1e-6 * spread(0))) return fit;  // points on a line or collapsed to it: no rotation to speak of
-  Eigen::Matrix3d flip = Eigen::Matrix3d::Identity();
-  flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-  const Eigen::Matrix3d rotation = svd.matrixU() * flip * svd.matrixV().transpose();
-  for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) fit.rotation[3 * a + b] = rotation(a, b);
-  return fit;
-}
-
-RigidMotion undoing(const RigidFit& fit) {
-  RigidMotion back;
-  back.moved = fit.moved;
-  back.centre = to_float(fit.centre);
-  back.shift = to_float(fit.rest_centre - fit.centre);
-  for (int a = 0; a < 3; ++a)
-    for (int b = 0; b < 3; ++b) back.turn[3 * a + b] = static_cast<float>(fit.rotation[3 * b + a] - (a == b ? 1 : 0));
-  return back;
-}
-
-Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, const Lattice& lattice, bool largest, float elsewhere) {
+// `elsewhere` lives where the kernels run; null: zero.
+Buffer<float> brought_to_tets(Executor& executor, const Buffer<float>& paint, const Lattice& lattice, bool largest, const float* elsewhere) {
   const LaneTable gather = lane_table(lattice.gather, executor.device());
   Buffer<float> weights(lattice.tet_rest.size(), executor.memory());
   PaintToTets body{};
@@ -85,42 +36,85 @@ Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, cons
   body.indices = gather.indices;
   body.values = gather.values;
   body.largest = largest;
-  std::fill_n(body.to, weights.size(), elsewhere);
-  uint32_t influencing = 0;  // lanes with neighbours come first
-  while (influencing < gather.lanes && gather.valence[influencing] > 0) ++influencing;
-  parallel_for(executor, influencing, "paint_to_tets", body);
+  parallel_for(executor, weights.size(), "fill_from", FillFrom{elsewhere, body.to});
+  parallel_for(executor, gather.lanes, "paint_to_tets", body);
   return weights;
 }
 
+}  // namespace
+
+RigidSum FitRigid::sum_on_host(Executor& executor, size_t lanes) const {
+  const auto run = loop_lanes(executor).rigid_sums;
+  constexpr size_t kMostPieces = 64;
+  const size_t most = (lanes + kMostPieces - 1) / kMostPieces, block = NeighbourTable::kLaneBlock;
+  const size_t piece = std::max<size_t>(kLanesPerPiece, (most + block - 1) / block * block);
+  std::array<RigidSum, kMostPieces> partial;
+  executor.parallel_ranges(lanes, piece, [&](size_t begin, size_t end) {
+    run(sums, static_cast<uint32_t>(begin), static_cast<uint32_t>(end), partial[begin / piece].of);
+  });
+  RigidSum sum;
+  for (size_t p = 0; p * piece < lanes; ++p) sum = combine(sum, partial[p]);
+  return sum;
+}
+
+RigidFit rigid_fit(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets) {
+  RigidFit fit;
+  RigidMotion unused;
+  const Buffer<Vec3f> from = padded(executor, points);
+  FitRigid body = fit_body(executor, from, tets);
+  body.fit = &fit;
+  body.motion = &unused;
+  require_host(executor, "rigid_fit");
+  reduce(executor, tets.vertex_tets.lanes, body);
+  return fit;
+}
+
+Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, const Lattice& lattice, bool largest, float elsewhere) {
+  require_host(executor, "paint_to_tets");
+  return brought_to_tets(executor, paint, lattice, largest, &elsewhere);
+}
+
 Buffer<Vec3f> hold(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets, const Lattice* lattice, const HoldSettings& settings) {
-  require_host(executor, "hold");
   require_size(points.size(), tets.vertices(), "hold", "points", "vertices of the tet mesh");
-  Buffer<float> pins, weights;
-  bool pinned = false;
+  const Device device = executor.device();
+  const bool on_host = device == Device{};
+  const auto sum_paint = [&](const Buffer<float>& paint, float* most, float* mean) {
+    reduce(executor, paint.size(), SumPaint{paint.view(device).data(), static_cast<uint32_t>(paint.size()), most, mean});
+  };
+  Buffer<float> pins, weights, figures(2, executor.memory());  // the largest pin, the mean weight
+  float* const most_pin = figures.data_for_write();
+  bool pinned = false, free = true;  // as far as the host knows
   if (settings.pins) {
     check_paint(*settings.pins, lattice, "pins");
-    const auto paint = settings.pins->view(executor.device());
-    pinned = std::any_of(paint.begin(), paint.end(), [](float w) { return w > 0; });
-    if (pinned) pins = paint_to_tets(executor, *settings.pins, *lattice, true, 0);
+    sum_paint(*settings.pins, most_pin, nullptr);
+    pinned = !on_host || *most_pin > 0;
+    free = !on_host || !pinned;
+    if (pinned) pins = brought_to_tets(executor, *settings.pins, *lattice, true, nullptr);
   }
   if (settings.weights && settings.strength > 0) {
     check_paint(*settings.weights, lattice, "weights");
-    const auto paint = settings.weights->view(executor.device());
-    const double sum = reduce_sum(executor, paint.size(), "hold", [&](uint32_t i) { return static_cast<double>(paint[i]); });
-    weights = paint_to_tets(executor, *settings.weights, *lattice, false, static_cast<float>(sum / static_cast<double>(std::max<size_t>(1, paint.size()))));
+    sum_paint(*settings.weights, nullptr, most_pin + 1);
+    weights = brought_to_tets(executor, *settings.weights, *lattice, false, most_pin + 1);
   }
   const Buffer<Vec3f> from = padded(executor, points);
   Buffer<Vec3f> to(points.size(), executor.memory());
+  Buffer<RigidMotion> motion(1, executor.memory());
   Hold body{};
-  body.from = from.view(executor.device()).data();
-  body.rest = tets.rest.view(executor.device()).data();
+  body.from = from.view(device).data();
+  body.rest = tets.rest.view(device).data();
   body.to = to.data_for_write();
-  body.order = tets.vertex_tets.order.view(executor.device()).data();
+  body.order = tets.vertex_tets.order.view(device).data();
   body.lanes = tets.vertex_tets.lanes;
-  body.weights = weights ? weights.view(executor.device()).data() : nullptr;
-  body.pins = pins ? pins.view(executor.device()).data() : nullptr;
+  body.weights = weights ? weights.view(device).data() : nullptr;
+  body.pins = pins ? pins.view(device).data() : nullptr;
   body.strength = static_cast<float>(settings.strength);
-  if (settings.remove_rigid && !pinned) body.rigid = undoing(rigid_fit(executor, from, tets));
+  if (settings.remove_rigid && free) {
+    FitRigid fit = fit_body(executor, from, tets);
+    fit.motion = motion.data_for_write();
+    fit.pinned = settings.pins ? most_pin : nullptr;
+    reduce(executor, tets.vertex_tets.lanes, fit);
+    body.rigid = fit.motion;
+  }
   run_lanes(executor, body.lanes, body, loop_lanes(executor).hold);
   return to;
 }

@@ -3,16 +3,9 @@
 #pragma once
 #include "graph/executor.h"
 #include "kernels/data.h"
-#include "kernels/hold_body.h"
+#include "kernels/rigid_fit_body.h"
 
 namespace knead {
-
-// x_rest = R^T (x - centre) + rest_centre for a body that has only moved rigidly by R.
-struct RigidFit {
-  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // R, row-major
-  Vec3d centre{0, 0, 0}, rest_centre{0, 0, 0};
-  bool moved = false;
-};
 
 struct HoldSettings {
   double strength = 0;                         // part of the way to rest that every vertex goes, 0 to 1
@@ -22,11 +15,11 @@ struct HoldSettings {
 };
 
 // The rotation and translation that take x_rest nearest to x, least squares weighted by each vertex's share of the rest volume (Kabsch). Sums are taken
-// in fixed pieces. `moved` is false when no vertex has left its rest position.
+// in fixed pieces. `moved` is false when no vertex has left its rest position. Host executors only.
 RigidFit rigid_fit(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets);
 
 // Paint on M, brought to H: per vertex the largest weight of the vertices of M it influences, or their mean by lattice weight. A vertex that influences none
-// gets `elsewhere`.
+// gets `elsewhere`. Host executors only.
 Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, const Lattice& lattice, bool largest, float elsewhere);
 
 // `points` in tet space. First the rigid motion is taken out (not when any vertex is pinned: the pins hold the frame), then x += strength (x_rest - x), then

@@ -33,6 +33,7 @@ struct RigidSums {
 };
 
 struct Hold {
+  static constexpr const char* kKernel = "hold";
   const Vec3f* from;  // x, tet space
   const Vec3f* rest;  // x_rest
   Vec3f* to;
@@ -41,7 +42,7 @@ struct Hold {
   const float* weights;  // of the strength, per vertex of H; may be null
   const float* pins;     // 0 free to 1 pinned, per vertex of H; may be null
   float strength;
-  RigidMotion rigid;
+  const RigidMotion* rigid;  // undone first; may be null
 
   template <class F>
   KNEAD_HD void lane(uint32_t t) const {
@@ -49,11 +50,11 @@ struct Hold {
     const uint32_t* j = order + t;
     const Vec3<F> r = L::rows(rest, j);
     Vec3<F> x = L::rows(from, j);
-    if (rigid.moved) {
-      const F dx = x.x - rigid.centre.x, dy = x.y - rigid.centre.y, dz = x.z - rigid.centre.z;
-      x.x = x.x + (rigid.turn[0] * dx + rigid.turn[1] * dy + rigid.turn[2] * dz + rigid.shift.x);
-      x.y = x.y + (rigid.turn[3] * dx + rigid.turn[4] * dy + rigid.turn[5] * dz + rigid.shift.y);
-      x.z = x.z + (rigid.turn[6] * dx + rigid.turn[7] * dy + rigid.turn[8] * dz + rigid.shift.z);
+    if (const RigidMotion back = rigid ? *rigid : RigidMotion{}; back.moved) {
+      const F dx = x.x - back.centre.x, dy = x.y - back.centre.y, dz = x.z - back.centre.z;
+      x.x = x.x + (back.turn[0] * dx + back.turn[1] * dy + back.turn[2] * dz + back.shift.x);
+      x.y = x.y + (back.turn[3] * dx + back.turn[4] * dy + back.turn[5] * dz + back.shift.y);
+      x.z = x.z + (back.turn[6] * dx + back.turn[7] * dy + back.turn[8] * dz + back.shift.z);
     }
     const F pull = weights ? L::gather(weights, j) * strength : L::all(strength);
     x = moved(x, (r - x) * pull);
@@ -69,6 +70,7 @@ struct Hold {
 
 // A lane is a vertex of H that M influences: the largest or the mean weight of those vertices of M.
 struct PaintToTets {
+  static constexpr const char* kKernel = "paint_to_tets";
   const float* paint;  // per vertex of M
   float* to;
   const uint32_t *order, *valence, *row_offsets, *indices;
@@ -76,6 +78,7 @@ struct PaintToTets {
   bool largest;
 
   KNEAD_HD void operator()(uint32_t t) const {
+    if (valence[t] == 0) return;
     float sum = 0, most = 0;
     for (uint32_t k = 0; k < valence[t]; ++k) {
       const float w = paint[indices[row_offsets[k] + t]];

@@ -17,7 +17,6 @@ Linear3 linear_part(const Similarity& similarity, double gain) {
 
 Buffer<Vec3f> map_to_tets(Executor& executor, const Buffer<Vec3f>& displacement, const Buffer<Vec3f>& points, const Lattice& lattice,
                           const MapToTetsSettings& settings) {
-  require_host(executor, "map_to_tets");
   require_size(displacement.size(), lattice.rest.vertices(), "map_to_tets", "displacements", "vertices of the surface that the lattice binds");
   require_size(points.size(), lattice.tet_rest.size(), "map_to_tets", "points", "vertices of the tet mesh");
   const Buffer<Vec3f> push = padded(executor, displacement), from = padded(executor, points);
@@ -34,7 +33,6 @@ Buffer<Vec3f> map_to_tets(Executor& executor, const Buffer<Vec3f>& displacement,
 }
 
 Buffer<Vec3f> map_to_surface(Executor& executor, const Buffer<Vec3f>& points, const Lattice& lattice) {
-  require_host(executor, "map_to_surface");
   require_size(points.size(), lattice.tet_rest.size(), "map_to_surface", "points", "vertices of the tet mesh");
   const Buffer<Vec3f> now = padded(executor, points), tets_rest = padded(executor, lattice.tet_rest), rest = padded(executor, lattice.rest.points);
   Buffer<Vec3f> to = start_from(executor, rest, lattice.map.lanes);

@@ -25,6 +25,7 @@ struct Linear3 {
 
 // A lane is a vertex of H that M influences.
 struct MapToTets {
+  static constexpr const char* kKernel = "map_to_tets";
   const Vec3f* displacement;  // of M, local space
   const Vec3f* from;          // x, tet space
   Vec3f* to;
@@ -48,6 +49,7 @@ struct MapToTets {
 
 // A lane is a vertex of M.
 struct MapToSurface {
+  static constexpr const char* kKernel = "map_to_surface";
   const Vec3f* tets_now;   // x, tet space
   const Vec3f* tets_rest;  // x_rest
   const Vec3f* rest;       // y_rest, local space

@@ -32,9 +32,10 @@ const LoopLanes& loop_lanes(const Executor& executor);
 
 inline constexpr size_t kLanesPerPiece = 512;
 
-// Runs one of them over all lanes in fixed pieces.
-template <class Body>
+// Runs one of them over all lanes in fixed pieces; on a device, the body itself.
+template <DeviceBody Body>
 void run_lanes(Executor& executor, uint32_t lanes, const Body& body, void (*run)(const Body&, uint32_t, uint32_t)) {
+  if (executor.device() != Device{}) return executor.launch(body, lanes);
   executor.parallel_ranges(lanes, kLanesPerPiece, [&](size_t begin, size_t end) { run(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end)); });
 }
 

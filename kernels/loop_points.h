@@ -5,6 +5,7 @@
 
 #include "graph/error.h"
 #include "graph/executor.h"
+#include "kernels/parallel.h"
 #include "kernels/vec.h"
 
 namespace knead {
@@ -19,18 +20,25 @@ inline void require_size(size_t is, size_t should_be, const char* kernel, const 
               "connect ports that come from the same build_tets");
 }
 
-// The same values in storage that may be over-read. Only wrapped storage is copied.
+struct CopyRows {
+  static constexpr const char* kKernel = "copy_rows";
+  const Vec3f* from;
+  Vec3f* to;
+  KNEAD_HD void operator()(uint32_t i) const { to[i] = from[i]; }
+};
+
+// The same values in storage that may be over-read. Only wrapped storage is copied, and on devices nothing is over-read.
 inline Buffer<Vec3f> padded(Executor& executor, const Buffer<Vec3f>& values) {
-  if (values.empty() || values.is_padded()) return values;
+  if (values.empty() || values.is_padded() || executor.device() != Device{}) return values;
   Buffer<Vec3f> copy(values.size(), executor.memory());
-  std::memcpy(copy.data_for_write(), values.view(executor.device()).data(), values.bytes());
+  std::memcpy(copy.data_for_write(), values.host().data(), values.bytes());
   return copy;
 }
 
 // Storage for a kernel's result. When not every vertex has a lane, those without keep their value.
 inline Buffer<Vec3f> start_from(Executor& executor, const Buffer<Vec3f>& values, size_t lanes) {
   Buffer<Vec3f> result(values.size(), executor.memory());
-  if (lanes < values.size()) std::memcpy(result.data_for_write(), values.view(executor.device()).data(), values.bytes());
+  if (lanes < values.size()) parallel_for(executor, values.size(), "copy_rows", CopyRows{values.view(executor.device()).data(), result.data_for_write()});
   return result;
 }
 

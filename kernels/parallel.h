@@ -1,10 +1,12 @@
-// The only code that differs between executors: how a kernel's body is run. A body is a trivially copyable struct of pointers and constants with
-// `void operator()(uint32_t i) const`; reductions keep a fixed partition so that the result is the same bits for any number of threads.
+// The only code that differs between executors: how a kernel's body is run (with run_lanes, kernels/loop_lanes.h). A body is a trivially copyable struct of
+// pointers and constants with `void operator()(uint32_t i) const`; those that devices run too are marked (graph/device_code.h). Reductions keep a fixed
+// partition so that the result is the same bits for any number of threads.
 #pragma once
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <type_traits>
+#include <utility>
 
 #include "graph/error.h"
 #include "graph/executor.h"
@@ -21,6 +23,8 @@ inline void require_host(const Executor& executor, const char* label) {
 // Calls body(i) for every i < n. The label names the kernel in profiles and in errors.
 template <class Body>
 void parallel_for(Executor& executor, size_t n, const char* label, const Body& body, size_t grain = kGrain) {
+  if constexpr (DeviceBody<Body>)
+    if (executor.device() != Device{}) return executor.launch(body, n);
   require_host(executor, label);
   executor.parallel_ranges(n, grain, [&](size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) body(static_cast<uint32_t>(i));
@@ -54,6 +58,48 @@ template <class Body>
 auto reduce_sum(Executor& executor, size_t n, const char* label, const Body& body) {
   using T = std::remove_cvref_t<decltype(body(uint32_t{0}))>;
   return parallel_reduce(executor, n, label, T{0}, body, [](T a, T b) { return a + b; });
+}
+
+// A reduction that stays where it is made. Its body gives a part for every index, `Sum operator()(uint32_t i) const`, and has `static Sum combine(Sum, Sum)`,
+// for which Sum{} is the identity, and `void finish(const Sum&) const`, which is called once and puts the result, or what is made of it, where the next
+// kernel reads it. A body may bring a faster way for the host, `Sum sum_on_host(Executor&, size_t n) const`.
+template <class Body>
+using SumOf = decltype(std::declval<const Body&>()(uint32_t{0}));
+
+template <class Body>
+void reduce_on_host(Executor& executor, size_t n, const Body& body) {
+  if constexpr (requires { body.sum_on_host(executor, n); })
+    body.finish(body.sum_on_host(executor, n));
+  else
+    body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine));
+}
+
+// The body as devices run it: blocks of indices to `partial`, which depend on n alone, then these to one.
+template <class Body>
+struct Reduction {
+  static constexpr const char* kKernel = Body::kKernel;
+  static constexpr uint32_t kMostPieces = 1024;
+  Body body;
+  SumOf<Body>* partial;  // [kMostPieces]
+};
+
+// The serial executor that stands in for a device's (graph/device_code.h, Kernel::host).
+Executor& stand_in();
+
+template <class Body>
+const Kernel& kernel_of_reduction() {
+  static const Kernel kernel{Body::kKernel, sizeof(Reduction<Body>),
+                             [](const void* body, uint32_t n) { reduce_on_host(stand_in(), n, static_cast<const Reduction<Body>*>(body)->body); },
+                             cuda_code<Reduction<Body>>()};
+  return kernel;
+}
+
+template <DeviceBody Body>
+void reduce(Executor& executor, size_t n, const Body& body) {
+  if (executor.device() == Device{}) return reduce_on_host(executor, n, body);
+  Buffer<SumOf<Body>> partial(Reduction<Body>::kMostPieces, executor.memory());
+  const Reduction<Body> reduction{body, partial.data_for_write()};
+  executor.launch(kernel_of_reduction<Body>(), &reduction, static_cast<uint32_t>(n));
 }
 
 }  // namespace knead

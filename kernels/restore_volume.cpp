@@ -18,7 +18,6 @@ double sweep_relaxation(double relaxation, int sweep, int sweeps) {
 }
 
 Buffer<Vec3f> restore_volume(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets, const RestoreVolumeSettings& settings) {
-  require_host(executor, "restore_volume");
   require_size(points.size(), tets.vertices(), "restore_volume", "points", "vertices of the tet mesh");
   RestoreVolume body{};
   body.strips = lane_table(tets.vertex_strips, executor.device());

@@ -54,6 +54,7 @@ KNEAD_HD Vec3<F> clamped(const Vec3<F>& v, float longest) {
 }
 
 struct RestoreVolume {
+  static constexpr const char* kKernel = "restore_volume";
   const Vec3f* from;  // x, tet space
   Vec3f* to;
   LaneTable strips;  // kernels/strips.h

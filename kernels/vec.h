@@ -3,11 +3,7 @@
 #include <cmath>
 #include <cstdint>
 
-#if defined(__CUDACC__)
-#define KNEAD_HD __host__ __device__ __forceinline__
-#else
-#define KNEAD_HD inline __attribute__((always_inline))
-#endif
+#include "graph/device_code.h"
 
 namespace knead {
 

@@ -4,23 +4,11 @@
 #include <cstring>
 
 #include "graph/registry.h"
-#include "kernels/approach.h"
 #include "kernels/collide.h"
 #include "kernels/data.h"
-#include "kernels/mesh_distance.h"
+#include "kernels/searchable_mesh.h"
 
 namespace knead {
-
-// The search structure over a mesh's triangles, shared by the frames.
-struct SearchableMesh {
-  std::shared_ptr<const MeshDistance> distance;
-};
-template <>
-struct PortTraits<SearchableMesh> {
-  static constexpr const char* name = "SearchableMesh";
-  template <class F>
-  static void each_buffer(SearchableMesh&, F&&) {}
-};
 
 namespace {
 
@@ -31,11 +19,8 @@ as their union: the one that a vertex is deepest in decides, and no grids are me
 memory lambda >= 0: lambda <- max(0, lambda - memory_rate * phi), and the push is lambda along grad phi. The other steps of the loop average a push away; the
 memory grows until it holds, and decays as soon as the vertex is outside. It is bounded by `memory_limit` times the surface's diagonal.
 
-The nearest way out may be the wrong one: the tip of a nose past a thumb's middle would be drawn out at the thumb's far side, and flesh above a bar that is
-pressed in deeper than it is thick would stay above it. So the first iteration of a loop, which has no memory yet and sees the surface at rest, looks at each
-collider for such vertices and for islands that it cuts off from the rest of the surface. If nearly all of them can go into the body the same way, the
-collider begins outside and comes in that way, by 1/400 of the diagonal an iteration and in 64 at most. Where there is no such way, as for a ring around a
-finger, and with `way_in: false`, the nearest way is taken.
+The nearest way out may be the wrong one where a collider stands deep in the body: `approach` makes the memory that a loop begins with so that such a collider
+comes in from outside over the first iterations.
 
 `mode: project` is the last step after the loop: every vertex that is inside goes to the nearest place outside, exactly against the collider's own triangles
 where the field carries them (else against the field's interpolant), a few rounding errors outside. A vertex squeezed between colliders goes to and fro, and
@@ -49,18 +34,17 @@ class CollideSdf : public Node {
  public:
   In<Surface> surface{this, "surface", {.unit = "world", .doc = "the soft surface, as it is now"}};
   ManyIn<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "colliders; their union counts"}};
-  OptionalIn<Contacts> memory{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory from the iteration before; none: no memory"}};
+  OptionalIn<Contacts> memory{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory from the iteration before, or from approach; none: no memory yet"}};
   Param<std::string> mode{this, "mode", "push", {.choices = {"push", "project"}, .doc = "a step of the loop, or the exact end of a frame"}};
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
   Param<double> memory_rate{this, "memory_rate", 1, {.min = 0, .max = 10, .doc = "how much of phi goes into the memory each time"}};
   Param<double> memory_limit{this, "memory_limit", 0.1, {.min = 0, .unit = "diagonals", .doc = "upper bound of the memory, as a fraction of the surface's diagonal"}};
-  Param<bool> way_in{this, "way_in", true, {.doc = "push: colliders that are in too deep to tell the side come in from outside over the first iterations"}};
   Param<int> rounds{this, "rounds", 32, {.min = 1, .max = 1000, .doc = "project: attempts at a vertex between several colliders"}};
   Param<int> samples{this, "samples", 0, {.min = 0, .max = 32, .doc = "project: subdivisions of a triangle's sides whose points are kept outside too; 0: vertices only"}};
   Out<Points> displacement{this, "displacement", {.unit = "local", .shape = "vertices", .doc = "the push of each vertex, in the surface's local space"}};
   Out<Surface> pushed{this, "surface", {.unit = "world", .doc = "the surface with the push applied"}};
   Out<Contacts> contacts{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory for the next iteration"}};
-  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); push: way_in_steps; project adds what is left"}};
+  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); project adds what is left"}};
 
   Runs runs() const override { return mode() == "project" ? Runs::kHost : Runs::kAnyDevice; }
 
@@ -82,68 +66,44 @@ class CollideSdf : public Node {
   }
 
  private:
-  static Value searchable(Context& context, const Surface& mesh) {
-    const std::span<const uint32_t> triangles = mesh.topology->triangles;
-    Hasher key;
-    key.add("searchable_mesh").add(mesh.points.id()).bytes(triangles.data(), triangles.size_bytes());
-    return context.once(key.key(), [&] { return Value::of(SearchableMesh{std::make_shared<MeshDistance>(mesh.points.host(), triangles, &context.executor())}); });
-  }
-
-  // Where the colliders stand in this iteration: the first looks for their way in, the others go on along it.
-  void come_in(Context& context, const Surface& body, const Contacts* before, const CollideInput& input, Contacts& after) const {
-    constexpr double kStride = 0.0025, kMostSteps = 64;  // of the diagonal, an iteration
-    if (before) {
-      after.stand_back = before->stand_back;
-      after.steps = before->steps;
-      after.step = std::min(before->step + 1, before->steps);
-    } else if (way_in() && body.topology) {
-      Value mesh;
-      after.stand_back = stand_back(context.executor(), input, body.topology->triangles, [&]() -> const MeshDistance& {
-        mesh = searchable(context, body);
-        return *mesh.as<SearchableMesh>().distance;
-      });
-      double longest = 0;
-      for (const Vec3d& shift : after.stand_back) longest = std::max(longest, length(shift));
-      after.steps = static_cast<int>(std::ceil(std::min(kMostSteps, relative(longest, body) / kStride)));
-    }
-    if (after.step == after.steps) after.stand_back.clear();
-  }
-
   void push(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
     Executor& executor = context.executor();
+    const Device device = executor.device();
     const size_t n = body.vertices();
     Points moves{Buffer<Vec3f>(n, context.memory())};
-    Contacts after{Buffer<float>(n, context.memory()), 0};
+    Contacts after{Buffer<float>(n, context.memory()), Buffer<ContactProgress>(1, context.memory()), before ? before->stand_back : Buffer<Vec3f>()};
     CollideInput input;
-    input.points = body.points.view(executor.device());
-    if (before && before->memory) input.memory = before->memory.view(executor.device());
+    input.points = body.points.view(device);
+    if (before) {
+      input.memory = before->memory.view(device);
+      input.before = before->progress.view(device).data();
+      input.stand_back = before->stand_back.view(device);
+      if (!input.stand_back.empty() && input.stand_back.size() != colliders.size())
+        throw Error(ErrorCode::kInput, "the contact memory knows " + std::to_string(input.stand_back.size()) + " colliders, and there are " + std::to_string(colliders.size()),
+                    "give approach and collide_sdf the same colliders");
+    }
     input.placement = body.placement;
     input.colliders = colliders;
     input.margin = margin() / body.placement.scale;
     input.rate = memory_rate();
     input.most = memory_limit() * body.diagonal();
-    come_in(context, body, before, input, after);
-    std::vector<Vec3d> shifts = after.stand_back;
-    for (Vec3d& shift : shifts) shift = (1 - static_cast<double>(after.step) / after.steps) * shift;
-    input.shifts = shifts;
-    const CollideFigures figures = collide_push(executor, input, moves.values.data_for_write(), after.memory.data_for_write());
+    input.diagonal = body.diagonal();
+    collide_push(executor, input, moves.values.data_for_write(), after.memory.data_for_write(), after.progress.data_for_write());
 
     Surface moved = body;
-    if (figures.pushed > 0) {
+    if (context.wants(pushed) && (device != Device{} || after.progress.host()[0].pushed > 0)) {
       moved.points = Buffer<Vec3f>(n, context.memory());
-      add_displacement(executor, input.points, moves.values.view(executor.device()).data(), moved.points.data_for_write());
+      add_displacement(executor, input.points, moves.values.view(device).data(), moved.points.data_for_write());
     }
-    after.deepest = relative(figures.deepest, body);
-    for (const Vec3d& shift : shifts) after.deepest = std::max(after.deepest, relative(length(shift), body));  // the loop must not end on the way
-    Report figures_report;
+    Report figures;
     if (context.wants(report)) {
-      figures_report = describe(figures.inside, figures.deepest, body);
-      figures_report.set("way_in_steps", static_cast<double>(after.steps));
+      const Buffer<ContactProgress> progress = context.on_host(after.progress);
+      figures = describe(progress.host()[0].inside, progress.host()[0].deepest, body);
     }
     context.set(displacement, std::move(moves));
     context.set(pushed, std::move(moved));
     context.set(contacts, std::move(after));
-    context.set(report, std::move(figures_report));
+    context.set(report, std::move(figures));
   }
 
   void project(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
@@ -154,7 +114,7 @@ class CollideSdf : public Node {
     for (const Sdf* collider : colliders) {
       meshes.push_back(nullptr);
       if (!collider->mesh) continue;
-      kept.push_back(searchable(context, *collider->mesh));
+      kept.push_back(searchable_mesh(context, *collider->mesh));
       meshes.back() = kept.back().as<SearchableMesh>().distance.get();
     }
     context.check_cancelled();
@@ -181,7 +141,13 @@ class CollideSdf : public Node {
     }
     if (figures.moved > 0) moved.points = std::move(points);
 
-    Contacts after{before && before->memory ? before->memory : zeros(n, context), relative(figures.deepest_before, body)};
+    Contacts after{before && before->memory ? before->memory : zeros(n, context), Buffer<ContactProgress>(1), {}};
+    ContactProgress& progress = after.progress.data_for_write()[0];
+    progress = {};
+    progress.unrest = relative(figures.deepest_before, body);
+    progress.deepest = static_cast<float>(figures.deepest_before);
+    progress.inside = static_cast<uint32_t>(figures.inside);
+    progress.pushed = static_cast<uint32_t>(figures.moved);
     Report result = describe(figures.inside, figures.deepest_before, body);
     result.set("vertices_left_inside", static_cast<double>(figures.left));
     result.set("penetration_left", figures.deepest_left * body.placement.scale);
@@ -213,6 +179,6 @@ class CollideSdf : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(collide_sdf, CollideSdf, 1, kManual)
+KNEAD_REGISTER(collide_sdf, CollideSdf, 2, kManual)
 
 }  // namespace knead

@@ -14,6 +14,7 @@ const char* const kManual = R"(Presses a soft surface by hard colliders: the who
 
 It is a group that stands for these nodes (paper 3; method.md 3):
   tets     build_tets: a tet mesh around the surface, built once
+  way      approach: how colliders that stand deep in the surface come in
   press    iterate, at most `max_iterations` times, until nothing moves more than `threshold`:
              push     collide_sdf with contact memory        lift    map_to_tets
              volume   restore_volume by `relaxation`         stiff   enforce_stiffness
@@ -44,11 +45,12 @@ parameters:
   face_samples: {default: 0, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
 nodes:
   tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, split_pieces: $split_pieces, lattice: $lattice}
+  way: {type: approach, surface: inputs.surface, sdf: inputs.sdf, margin: $margin}
   press:
     type: iterate
     max_iterations: $max_iterations
     threshold: $threshold
-    state: {points: tets.points, surface: inputs.surface, memory: none}
+    state: {points: tets.points, surface: inputs.surface, memory: way}
     body:
       push: {type: collide_sdf, surface: state.surface, sdf: inputs.sdf, memory: state.memory, margin: $margin}
       lift: {type: map_to_tets, displacement: push.displacement, points: state.points, lattice: tets.lattice, tets: tets}

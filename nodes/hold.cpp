@@ -29,6 +29,8 @@ class HoldNode : public Node {
   Param<bool> remove_rigid{this, "remove_rigid", HoldSettings{}.remove_rigid, {.doc = "undo the net rotation and translation, when nothing is pinned"}};
   Out<Points> result{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H, held"}};
 
+  Runs runs() const override { return Runs::kAnyDevice; }
+
   void evaluate(Context& context) const override {
     HoldSettings settings{.strength = strength(), .remove_rigid = remove_rigid()};
     if (const Weights* painted = context.get(pins)) settings.pins = &painted->values;

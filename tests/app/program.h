@@ -14,9 +14,12 @@
 #include <string>
 #include <vector>
 
+#include "graph/executor.h"
+
 namespace program_test {
 
 namespace fs = std::filesystem;
+using knead::cuda_devices;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;

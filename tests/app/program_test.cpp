@@ -128,7 +128,6 @@ TEST_F(Program, EndsWithThreeForUsage) {
                                                        {"run"},
                                                        {"run", "g.yaml", "--bogus"},
                                                        {"run", "g.yaml", "--device", "tpu"},
-                                                       {"run", "g.yaml", "--device", "cuda"},
                                                        {"run", "g.yaml", "--frames", "x"},
                                                        {"run", "g.yaml", "--frames", "5-1"},
                                                        {"run", "g.yaml", "--set", "ball"},
@@ -142,6 +141,15 @@ TEST_F(Program, EndsWithThreeForUsage) {
     EXPECT_NE(ended.err, "") << testing::PrintToString(words);
   }
   EXPECT_FALSE(fs::exists(folder_ / "out"));
+}
+
+TEST_F(Program, ADeviceThatIsNotThereIsAnErrorThatSaysWhatIsMissing) {
+  if (!cuda_devices().names.empty()) GTEST_SKIP() << "this machine has a CUDA device";
+  const Ended ended = knead({"run", put("g.yaml", kMoving), "--device", "cuda"});
+  EXPECT_EQ(ended.status, 3);
+  EXPECT_THAT(ended.err, HasSubstr("--device cuda is not here: " + cuda_devices().missing + "; there are cpu, serial"));
+  EXPECT_THAT(knead({"info"}).out, HasSubstr(cuda_devices().missing));
+  EXPECT_THAT(knead({"run", put("g.yaml", kMoving), "--frames", "1"}).out, HasSubstr("on cpu"));
 }
 
 TEST_F(Program, SetsParametersFromTheCommandLine) {

@@ -4,6 +4,7 @@
 
 #include "graph/plan.h"
 #include "io/graph_file.h"
+#include "tests/graph/fake_device.h"
 #include "tests/graph/toys.h"
 
 namespace knead {
@@ -364,8 +365,8 @@ TEST(PlanDump, SaysWhatDependsOnWhatAndWhen) {
 
 TEST(PlanDump, ShowsTransfersToADevice) {
   const auto plan = plan_of("  v: {type: value}\n  d: {type: device_add, in: v}\n  e: {type: device_add, in: d}\n  a: {type: add, a: e}");
-  toys::FakeExecutor fake;
-  EXPECT_THAT(plan_text(*plan, fake), AllOf(HasSubstr("in <- v.value  [transfer host -> fake]"), HasSubstr("in <- d.sum\n"),
+  fake_device::FakeDevice fake;
+  EXPECT_THAT(plan_text(*plan, fake.executor), AllOf(HasSubstr("in <- v.value  [transfer host -> fake]"), HasSubstr("in <- d.sum\n"),
                                             HasSubstr("a <- e.sum  [transfer fake -> host]")));
 }
 

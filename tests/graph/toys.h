@@ -34,13 +34,7 @@ struct PortTraits<toys::Numbers> {
   static void each_buffer(toys::Numbers& v, F&& f) {
     f(v.values);
   }
-  static double unrest(const toys::Numbers& before, const toys::Numbers& after, Executor& executor) {
-    const auto a = before.values.view(executor.device()), b = after.values.view(executor.device());
-    double most = 0;
-    for (size_t i = 0; i < b.size(); ++i)
-      if (const double change = std::abs(b[i] - a[i]); !(change <= most)) most = change;
-    return most;
-  }
+  static Buffer<double> unrest(const toys::Numbers& before, const toys::Numbers& after, Executor& executor);
 };
 template <>
 struct PortTraits<toys::Word> {
@@ -51,6 +45,47 @@ struct PortTraits<toys::Word> {
 };
 
 namespace toys {
+
+// What the toys do on any device. One index is enough for the largest change.
+struct AddOffset {
+  static constexpr const char* kKernel = "toy_add";
+  const double* from;
+  double* to;
+  double offset;
+  KNEAD_HD void operator()(uint32_t i) const { to[i] = from[i] + offset; }
+};
+struct GoTo {
+  static constexpr const char* kKernel = "toy_relax";
+  const double *at, *target;
+  uint32_t targets;
+  double* to;
+  double rate;
+  KNEAD_HD void operator()(uint32_t i) const { to[i] = at[i] + rate * (target[i % targets] - at[i]); }
+};
+struct LargestChange {
+  static constexpr const char* kKernel = "toy_change";
+  const double *before, *after;
+  size_t n;
+  double* to;
+  KNEAD_HD void operator()(uint32_t) const {
+    double most = 0;
+    for (size_t i = 0; i < n; ++i)
+      if (const double change = after[i] > before[i] ? after[i] - before[i] : before[i] - after[i]; !(change <= most)) most = change;
+    *to = most;
+  }
+};
+struct CountUntil {
+  static constexpr const char* kKernel = "toy_count";
+  const double* from;
+  double* to;
+  double until;
+  KNEAD_HD void operator()(uint32_t i) const { to[i] = from[i] < until ? from[i] + 1 : std::nan(""); }
+};
+template <class Body>
+void run_body(Executor& executor, size_t n, const Body& body) {
+  if (executor.device() != Device{}) return executor.launch(body, n);
+  for (size_t i = 0; i < n; ++i) body(static_cast<uint32_t>(i));
+}
 
 // What the toys do to the world outside the graph, and what they see of it.
 struct World {
@@ -299,6 +334,33 @@ class Forgets : public Node {
   void evaluate(Context&) const override {}
 };
 
+}  // namespace toys
+
+inline Buffer<double> PortTraits<toys::Numbers>::unrest(const toys::Numbers& before, const toys::Numbers& after, Executor& executor) {
+  Buffer<double> most(1, executor.memory());
+  const auto a = before.values.view(executor.device()), b = after.values.view(executor.device());
+  toys::run_body(executor, 1, toys::LargestChange{a.data(), b.data(), b.size(), most.data_for_write()});
+  return most;
+}
+template <>
+inline CudaCode cuda_code<toys::AddOffset>() {
+  return {};
+}
+template <>
+inline CudaCode cuda_code<toys::GoTo>() {
+  return {};
+}
+template <>
+inline CudaCode cuda_code<toys::CountUntil>() {
+  return {};
+}
+template <>
+inline CudaCode cuda_code<toys::LargestChange>() {
+  return {};
+}
+
+namespace toys {
+
 // The device's part: in + offset, where the executor is.
 class DeviceAdd : public Node {
  public:
@@ -309,8 +371,7 @@ class DeviceAdd : public Node {
   void evaluate(Context& context) const override {
     const auto from = context.get(in).values.view(context.executor().device());  // throws unless it has been brought
     Numbers sum{Buffer<double>(from.size(), context.memory())};
-    double* to = sum.values.data_for_write();
-    for (size_t i = 0; i < from.size(); ++i) to[i] = from[i] + offset();
+    run_body(context.executor(), from.size(), AddOffset{from.data(), sum.values.data_for_write(), offset()});
     context.set(out, std::move(sum));
   }
 };
@@ -327,8 +388,7 @@ class Relax : public Node {
     const Device device = context.executor().device();
     const auto at = context.get(x).values.view(device), to = context.get(target).values.view(device);
     Numbers next{Buffer<double>(at.size(), context.memory())};
-    double* out_values = next.values.data_for_write();
-    for (size_t i = 0; i < at.size(); ++i) out_values[i] = at[i] + rate() * (to[i % to.size()] - at[i]);
+    run_body(context.executor(), at.size(), GoTo{at.data(), to.data(), static_cast<uint32_t>(to.size()), next.values.data_for_write(), rate()});
     context.set(out, std::move(next));
   }
 };
@@ -358,6 +418,50 @@ class Spread : public Node {
       std::copy(from.begin() + static_cast<long>(begin), from.begin() + static_cast<long>(end), to + begin);
     });
     context.set(out, std::move(made));
+  }
+};
+
+// The same storage in a value that is new wherever `at` is.
+class Placed : public Node {
+ public:
+  In<Numbers> in{this, "in", {.doc = "numbers"}};
+  In<Numbers> at{this, "at", {.doc = "anything"}};
+  Out<Numbers> out{this, "out", {.doc = "the same"}};
+  void evaluate(Context& context) const override { context.set(out, context.get(in)); }
+};
+
+// As many numbers as half the frame.
+class Grow : public Node {
+ public:
+  Out<Numbers> out{this, "value", {.doc = "zeros"}};
+  bool depends_on_frame() const override { return true; }
+  void evaluate(Context& context) const override { context.set(out, numbers(0, host_memory(), static_cast<size_t>((context.frame() + 1) / 2))); }
+};
+
+// Looks at its input from the host, wherever it runs.
+class Peek : public Node {
+ public:
+  In<Numbers> in{this, "in", {.doc = "numbers"}};
+  Out<Numbers> out{this, "out", {.doc = "the same"}};
+  Runs runs() const override { return Runs::kAnyDevice; }
+  void evaluate(Context& context) const override {
+    world().hidden = context.on_host(context.get(in).values).host()[0];
+    context.set(out, context.get(in));
+  }
+};
+
+// x + 1 for as long as x is below `until`, then no number.
+class Break : public Node {
+ public:
+  In<Numbers> x{this, "x", {.doc = "goes round"}};
+  Param<double> until{this, "until", 5, {.doc = "the last good number"}};
+  Out<Numbers> out{this, "x", {.doc = "one more"}};
+  Runs runs() const override { return Runs::kAnyDevice; }
+  void evaluate(Context& context) const override {
+    const auto from = context.get(x).values.view(context.executor().device());
+    Numbers next{Buffer<double>(from.size(), context.memory())};
+    run_body(context.executor(), from.size(), CountUntil{from.data(), next.values.data_for_write(), until()});
+    context.set(out, std::move(next));
   }
 };
 
@@ -405,6 +509,10 @@ inline const Registry& registry() {
     put<Tally>(r, "tally");
     put<Explode>(r, "explode");
     put<Spread>(r, "spread");
+    put<Placed>(r, "placed");
+    put<Grow>(r, "grow");
+    put<Peek>(r, "peek");
+    put<Break>(r, "break");
     return r;
   }();
   return all;
@@ -415,36 +523,6 @@ inline CompileOptions options() {
   made.registry = &registry();
   return made;
 }
-
-// A device that is host memory under another tag, as strict about residency as a real one.
-class FakeMemory : public MemoryResource {
- public:
-  void* allocate(size_t bytes) override { return host_memory().allocate(bytes); }
-  void release(void* storage, size_t bytes) noexcept override { host_memory().release(storage, bytes); }
-  Device device() const override { return {DeviceKind::kFake, 0}; }
-};
-class FakeExecutor : public Executor {
- public:
-  const char* name() const override { return "fake"; }
-  Device device() const override { return {DeviceKind::kFake, 0}; }
-  MemoryResource& memory() override { return memory_; }
-  void parallel_ranges(size_t, size_t, FunctionRef<void(size_t, size_t)>) override {
-    throw Error(ErrorCode::kDevice, "host loops do not run on a device");
-  }
-  void run_graph(const std::vector<std::vector<int>>&, const std::vector<int>&, FunctionRef<void(int)>) override {
-    throw Error(ErrorCode::kDevice, "the host schedules");
-  }
-  void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) override {
-    if (from_device == to_device) throw Error(ErrorCode::kInternal, "a copy that was not needed");
-    ++(to_device == device() ? to_here : to_host);
-    std::memcpy(to, from, bytes);
-  }
-  void synchronise() override { ++synchronised; }
-  std::atomic<int> to_here{0}, to_host{0}, synchronised{0};
-
- private:
-  FakeMemory memory_;
-};
 
 }  // namespace toys
 }  // namespace knead

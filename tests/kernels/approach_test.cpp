@@ -131,17 +131,28 @@ TEST(Approach, ShiftedCollidersPushAsIfTheyStoodThere) {
   const size_t n = body.vertices();
   std::vector<Vec3f> shifted(n), moved(n);
   std::vector<float> memory(n);
-  const std::vector<Vec3d> shift{{0.1, 0.3, 0}};
+  // A third of its way in is left.
+  const std::vector<Vec3f> shift{{0.3f, 0.9f, 0}};
+  knead::ContactProgress before, after;
+  before.step = 1;
+  before.steps = 3;
   const std::vector<const Sdf*> one{&here}, other{&there};
   knead::CollideInput input;
   input.points = body.points.host();
   input.most = 1;
   input.colliders = one;
-  input.shifts = shift;
-  EXPECT_GT(knead::collide_push(*approach_executor, input, shifted.data(), memory.data()).inside, 0u);
+  input.stand_back = shift;
+  input.before = &before;
+  input.diagonal = 1;
+  knead::collide_push(*approach_executor, input, shifted.data(), memory.data(), &after);
+  EXPECT_GT(after.inside, 0u);
+  EXPECT_EQ(after.step, 2);
+  EXPECT_FLOAT_EQ(static_cast<float>(after.unrest), length(Vec3f{0.1f, 0.3f, 0})) << "a loop must not end on the way";
   input.colliders = other;
-  input.shifts = {};
-  knead::collide_push(*approach_executor, input, moved.data(), memory.data());
+  input.stand_back = {};
+  input.before = nullptr;
+  knead::collide_push(*approach_executor, input, moved.data(), memory.data(), &after);
+  EXPECT_LT(after.unrest, 0.3);
   for (size_t i = 0; i < n; ++i) EXPECT_LT(length(shifted[i] - moved[i]), 1e-5f) << i;
 }
 

@@ -11,8 +11,8 @@
 
 namespace {
 
-using knead::CollideFigures;
 using knead::CollideInput;
+using knead::ContactProgress;
 using knead::MeshDistance;
 using knead::ProjectFigures;
 using knead::ProjectInput;
@@ -52,7 +52,7 @@ struct CollideMesh {
 struct CollideOnce {
   std::vector<Vec3f> displacement;
   std::vector<float> memory;
-  CollideFigures figures;
+  ContactProgress figures;
 
   CollideOnce(const std::vector<Vec3f>& points, const std::vector<const Sdf*>& colliders, const Similarity& placement = {}, std::vector<float> before = {}, double margin = 0,
               double most = 1e9) {
@@ -66,7 +66,7 @@ struct CollideOnce {
     input.colliders = colliders;
     input.margin = margin;
     input.most = most;
-    figures = knead::collide_push(*executor, input, displacement.data(), memory.data());
+    knead::collide_push(*executor, input, displacement.data(), memory.data(), &figures);
   }
 };
 
@@ -193,7 +193,8 @@ TEST(Collide, IsTheSameBitsForAnyNumberOfThreads) {
   const std::vector<const Sdf*> colliders{&ball};
   input.colliders = colliders;
   input.most = 1e9;
-  knead::collide_push(*two, input, displacement.data(), memory.data());
+  ContactProgress figures;
+  knead::collide_push(*two, input, displacement.data(), memory.data(), &figures);
   EXPECT_EQ(std::memcmp(displacement.data(), once.displacement.data(), displacement.size() * sizeof(Vec3f)), 0);
   EXPECT_EQ(memory, once.memory);
 }

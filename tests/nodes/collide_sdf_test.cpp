@@ -39,7 +39,7 @@ TEST(CollideSdf, GivesTheVerySameSurfaceBackWithoutContact) {
     EXPECT_EQ(node.out<Surface>("surface").points.id(), body.points.id()) << mode;
     for (const Vec3f& d : node.out<Points>("displacement").values.host()) ASSERT_TRUE(d.x == 0 && d.y == 0 && d.z == 0);
     for (float lambda : node.out<Contacts>("memory").memory.host()) ASSERT_EQ(lambda, 0);
-    EXPECT_EQ(node.out<Contacts>("memory").deepest, 0);
+    EXPECT_EQ(node.out<Contacts>("memory").progress.host()[0].unrest, 0);
     EXPECT_EQ(node.out<Report>("report").number("vertices_in_collision"), 0);
   }
 }
@@ -60,7 +60,7 @@ TEST(CollideSdf, ReportsPenetrationInWorldUnitsAndOfTheDiagonal) {
   const Report& report = node.out<Report>("report");
   EXPECT_NEAR(report.number("penetration_max"), 3, 0.1);
   EXPECT_NEAR(report.number("penetration_max_relative"), 3 / (10 * body.diagonal()), 0.003);
-  EXPECT_NEAR(node.out<Contacts>("memory").deepest, report.number("penetration_max_relative"), 1e-12);
+  EXPECT_NEAR(node.out<Contacts>("memory").progress.host()[0].unrest, report.number("penetration_max_relative"), 1e-12);
   const auto before = body.points.host(), after = node.out<Surface>("surface").points.host();
   const auto moved = node.out<Points>("displacement").values.host();
   double worst = 0;
@@ -85,7 +85,7 @@ TEST(CollideSdf, CarriesItsMemoryRoundTheLoop) {
     grew = grew || first[i] > 0;
   }
   EXPECT_TRUE(grew);
-  node.connect("memory", Contacts{knead::Buffer<float>(3), 0});
+  node.connect("memory", Contacts{knead::Buffer<float>(3), knead::Buffer<knead::ContactProgress>(1), {}});
   EXPECT_THROW(node.run(), knead::Error);
 }
 

@@ -56,7 +56,7 @@ TEST(Deform, LetsAColliderThatIsInDeepComeInFromOutside) {
       .add("press", "deform", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 5}});
   const auto above = [&](bool way_in) {
     CompileOptions options;
-    options.overrides.push_back({"press.press.push.way_in", way_in});
+    options.overrides.push_back({"press.way.way_in", way_in});
     Evaluator evaluator(compile(graph, options));
     const Surface body = evaluator.get<Surface>("body", 1), result = evaluator.get<Surface>("press.surface", 1);
     EXPECT_EQ(evaluator.get<Report>("press.report", 1).number("vertices_inside"), 0);
