@@ -61,12 +61,12 @@ class Solver {
         trial_(rest.rows),
         gradient_(rest.rows),
         trial_gradient_(rest.rows),
-        direction_(rest.factor->solve_rows()),
+        direction_(rest.metric->solve_rows()),
         forces_(4 * rest.stride),
         bulk_(rest.rows),
-        bulk_solved_(rest.factor->solve_rows()),
+        bulk_solved_(rest.metric->solve_rows()),
         listed_at_(rest.rows),
-        scratch_(rest.factor->scratch_floats() + 16) {
+        scratch_(rest.metric->scratch_floats() + 16) {
     for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
   }
 
@@ -188,7 +188,7 @@ class Solver {
     ScopedTime time(figures_.factor_seconds);
     diagonal_ = deformed_ ? deformed_diagonal_ : rest_.metric_diagonal;
     contacts_.add_to(diagonal_, static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts));
-    factor_ = std::make_unique<SparseCholesky>(executor_, lanes_, deformed_ ? *deformed_ : *rest_.factor, diagonal_, settings_.check_cancelled);
+    metric_ = (deformed_ ? *deformed_ : *rest_.metric).renewed(executor_, lanes_, diagonal_, settings_.check_cancelled);
     ++figures_.factors;
     renew_bulk();
   }
@@ -200,7 +200,7 @@ class Solver {
       ScopedTime time(figures_.factor_seconds);
       std::vector<float> entries;
       rest_.metric_at(u_.data(), entries, deformed_diagonal_);
-      deformed_ = std::make_unique<SparseCholesky>(executor_, lanes_, rest_.factor->plan(), entries, deformed_diagonal_, settings_.check_cancelled);
+      deformed_ = rest_.metric->remade(executor_, lanes_, entries, deformed_diagonal_, settings_.check_cancelled);
       scale_ = 1;
     }
     renew_metric();
@@ -208,7 +208,7 @@ class Solver {
 
   void apply_metric(Rows& x) {
     ScopedTime time(figures_.solve_seconds);
-    factor_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
     if (!contacts_.keeps_volume()) return;
     // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
     const double along = lanes_.dot(bulk_.floats(), x.floats(), floats());
@@ -219,7 +219,7 @@ class Solver {
     if (!contacts_.keeps_volume()) return;
     contacts_.volume_gradient(bulk_.data());
     std::copy_n(bulk_.data(), rest_.rows, bulk_solved_.data());
-    factor_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
     bulk_factor_ = 1 / (contacts_.volume_compliance() + lanes_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
   }
 
@@ -361,8 +361,8 @@ class Solver {
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
   std::vector<float> deformed_diagonal_;
-  std::unique_ptr<SparseCholesky> deformed_;  // the rest shape's, once the body has little to do with it
-  std::unique_ptr<SparseCholesky> factor_;    // of this frame's contacts
+  std::unique_ptr<Metric> deformed_;  // in place of the rest shape's, once the body has little to do with it
+  std::unique_ptr<Metric> metric_;    // of this frame's contacts
 };
 
 }  // namespace

@@ -1,10 +1,10 @@
-// The tables behind kernels/equilibrium.h. All of H's vertices are numbered by their places in the factor's elimination order.
+// The tables behind kernels/equilibrium.h. All of H's vertices are numbered by their places in an order that suits the metric.
 #pragma once
 #include <memory>
 #include <vector>
 
 #include "kernels/equilibrium.h"
-#include "kernels/sparse_cholesky.h"
+#include "kernels/metric.h"
 
 namespace knead {
 
@@ -45,7 +45,7 @@ class EquilibriumRest {
   Similarity to_local;                      // tet space to M's local space
   double contact_scale = 1;                 // kc of `contact` = 1, per cell
   std::vector<float> metric_diagonal;       // P's, by place
-  std::unique_ptr<SparseCholesky> factor;   // of P without contacts
+  std::unique_ptr<const Metric> metric;     // of P without contacts
   RestFigures figures;
 
   // The metric P with H displaced by u (null: at rest), without contacts: entries by edge, and the diagonal by place. Each tet's part of the elastic
@@ -54,7 +54,7 @@ class EquilibriumRest {
   void metric_at(const Row4* u, std::vector<float>& entries, std::vector<float>& diagonal) const;
 };
 
-// Samples of the surface that `lattice` binds, in places of the elimination order: `steps` subdivisions of a triangle's sides, below 2 vertices only.
+// Samples of the surface that `lattice` binds, in places of the metric's order: `steps` subdivisions of a triangle's sides, below 2 vertices only.
 SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps);
 
 }  // namespace knead
