@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "kernels/energy_lanes.h"
 #include "kernels/nested_dissection.h"
 #include "kernels/parallel.h"
 
@@ -233,14 +234,16 @@ void Multigrid::cycle(Executor& executor, const EnergyLanes& lanes, size_t level
     const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
     const float by = static_cast<float>(8 * k - 4) / static_cast<float>(2 * k + 1);
     const float keep = first ? 1 + 2 * again : 1 + again;
-    parallel_for(executor, n, "multigrid_smooth", Smooth{a, keep, again, by, x, first ? now : other, now, to}, kRows);
+    const Smooth body{a, keep, again, by, x, first ? now : other, now, to};
+    executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { lanes.smooth(body, begin, end); });
   };
   parallel_for(executor, n, "multigrid_start", SmoothStart{a.inverse, 4.0f / 3, x, now}, kRows);
   for (int k = 2; k <= kDegree; ++k) {
     smooth(k, k == 2, other);
     std::swap(now, other);
   }
-  parallel_for(executor, n, "multigrid_residual", Residual{a, x, now, other}, kRows);
+  const Residual residual{a, x, now, other};
+  executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { lanes.residual(residual, begin, end); });
   const uint32_t m = (*grids_)[level + 1].size();
   const GridWeights down{grid.down.offsets.data(), grid.down.index.data(), grid.down.value.data()};
   const GridWeights up{grid.up.offsets.data(), grid.up.index.data(), grid.up.value.data()};

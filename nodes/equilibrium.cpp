@@ -87,10 +87,8 @@ class Equilibrium : public Node {
                              EquilibriumSettings{}.memory_interval,
                              {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
   Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
-  Param<std::string> metric{this,
-                            "metric",
-                            "auto",
-                            {.choices = {"auto", "factor", "multigrid"}, .doc = "what the descent is measured with; auto: by the size of H"}};
+  Param<std::string> metric{
+      this, "metric", "auto", {.choices = {"auto", "factor", "multigrid"}, .doc = "what the descent is measured with; auto: by the size of H"}};
   Param<double> memory_limit{
       this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose metric takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
@@ -134,7 +132,14 @@ class Equilibrium : public Node {
  private:
   Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
     Hasher key;
-    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples()).add(memory_limit()).add(metric());
+    key.add("equilibrium")
+        .add(material())
+        .add(poisson_ratio())
+        .add(hold())
+        .add(keep_volume())
+        .add(contact_samples())
+        .add(memory_limit())
+        .add(metric());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
