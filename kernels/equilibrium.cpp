@@ -56,6 +56,7 @@ class Solver {
         settings_(settings),
         figures_(figures),
         lanes_(energy_lanes(executor)),
+        math_(executor, lanes_),
         contacts_(executor, rest, placement, colliders, settings),
         u_(rest.rows),
         trial_(rest.rows),
@@ -211,8 +212,8 @@ class Solver {
     metric_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
     if (!contacts_.keeps_volume()) return;
     // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
-    const double along = lanes_.dot(bulk_.floats(), x.floats(), floats());
-    lanes_.add_scaled(x.floats(), bulk_solved_.floats(), static_cast<float>(-along * bulk_factor_), floats());
+    const double along = math_.dot(bulk_.floats(), x.floats(), floats());
+    math_.add_scaled(x.floats(), bulk_solved_.floats(), static_cast<float>(-along * bulk_factor_), floats());
   }
 
   void renew_bulk() {
@@ -220,7 +221,7 @@ class Solver {
     contacts_.volume_gradient(bulk_.data());
     std::copy_n(bulk_.data(), rest_.rows, bulk_solved_.data());
     metric_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
-    bulk_factor_ = 1 / (contacts_.volume_compliance() + lanes_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
+    bulk_factor_ = 1 / (contacts_.volume_compliance() + math_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
   }
 
   // direction_ <- -(metric of the last pairs) gradient
@@ -230,16 +231,16 @@ class Solver {
     double weight[kMemory];
     for (int k = pairs_ - 1; k >= 0; --k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
-      weight[slot] = lanes_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
-      lanes_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
+      weight[slot] = math_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
+      math_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
     }
     apply_metric(direction_);
     if (scale_ != 1)
       for (size_t i = 0; i < floats(); ++i) d[i] *= static_cast<float>(scale_);
     for (int k = 0; k < pairs_; ++k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
-      const double back = lanes_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
-      lanes_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
+      const double back = math_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
+      math_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
     }
     for (size_t i = 0; i < floats(); ++i) d[i] = -d[i];
   }
@@ -248,10 +249,10 @@ class Solver {
   void remember() {
     const int slot = (newest_ + 1) % kMemory;
     float *s = steps_[static_cast<size_t>(slot)].floats(), *y = changes_[static_cast<size_t>(slot)].floats();
-    lanes_.combine(s, trial_.floats(), u_.floats(), -1, floats());
-    lanes_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
-    const double sy = lanes_.dot(s, y, floats());
-    if (!(sy > 1e-10 * std::sqrt(lanes_.dot(s, s, floats()) * lanes_.dot(y, y, floats())))) return;
+    math_.combine(s, trial_.floats(), u_.floats(), -1, floats());
+    math_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
+    const double sy = math_.dot(s, y, floats());
+    if (!(sy > 1e-10 * std::sqrt(math_.dot(s, s, floats()) * math_.dot(y, y, floats())))) return;
     over_[slot] = 1 / sy;
     newest_ = slot;
     pairs_ = std::min(pairs_ + 1, kMemory);
@@ -260,7 +261,7 @@ class Solver {
   bool search(const Evaluation& now, double slope, Evaluation& next) {
     double along = 1;
     for (int attempt = 0; attempt < 12; ++attempt) {
-      lanes_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
+      math_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
       next = evaluate(trial_, trial_gradient_);
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
       if (lower) {
@@ -348,6 +349,7 @@ class Solver {
   const EquilibriumSettings& settings_;
   EquilibriumFigures& figures_;
   const EnergyLanes& lanes_;
+  RowMath math_;
   EquilibriumContacts contacts_;
   Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, bulk_, bulk_solved_, listed_at_;
   std::vector<Rows> steps_, changes_;

@@ -5,7 +5,7 @@
 
 namespace knead {
 
-// What the frames share: the tables and the factor of one rest shape.
+// What the frames share: the tables and the metric of one rest shape.
 struct PreparedRest {
   std::shared_ptr<const EquilibriumRest> rest;
 };
@@ -34,11 +34,11 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
 
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
-It starts from rest and runs L-BFGS over one sparse Cholesky factor of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept. It ends when the forces
+It starts from rest and runs L-BFGS over a metric of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept: one sparse Cholesky factor, or for an H of
+more than 10,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
 balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
 left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where nothing touches, M comes out untouched. Over
-time the shape turns a corner when a vertex of M meets a collider; contact_samples halves it. For a large H, or where the factor would not fit
-memory_limit, a multigrid cycle takes the factor's place (`metric`): more iterations, each much quicker.
+time the shape turns a corner when a vertex of M meets a collider; contact_samples halves it.
 The same bits for any number of threads.)";
 
 ElasticTerm term_of(const std::string& name) {
