@@ -35,7 +35,7 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
 It starts from rest and runs L-BFGS over a metric of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept: one sparse Cholesky factor, or for an H of
-more than 10,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
+more than 5,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
 balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
 left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where nothing touches, M comes out untouched. Over
 time the shape turns a corner when a vertex of M meets a collider; contact_samples halves it.
