@@ -4,6 +4,7 @@
 #include "kernels/enforce_stiffness_body.h"
 #include "kernels/lattice_map_body.h"
 #include "kernels/loop_points.h"
+#include "kernels/multigrid_body.h"
 #include "kernels/parallel.h"
 #include "kernels/restore_volume_body.h"
 #include "kernels/rigid_fit_body.h"

@@ -5,6 +5,7 @@
 #include "graph/executor.h"
 #include "kernels/elastic_body.h"
 #include "kernels/factor_body.h"
+#include "kernels/multigrid_body.h"
 
 namespace knead {
 
@@ -22,6 +23,9 @@ struct EnergyLanes {
   // FrontFactor's.
   bool (*eliminate)(float* front, uint32_t ld, uint32_t width, uint32_t height);
   void (*store_panel)(const float* front, uint32_t ld, uint32_t begin, uint32_t end, uint32_t height, float* to);
+  // Rows [begin, end) of a multigrid cycle's products with a matrix.
+  void (*smooth)(const Smooth&, size_t begin, size_t end);
+  void (*residual)(const Residual&, size_t begin, size_t end);
   // Vectors of n floats, n a multiple of 16, aligned.
   double (*dot)(const float* a, const float* b, size_t n);
   void (*add_scaled)(float* to, const float* from, float by, size_t n);            // to += by * from

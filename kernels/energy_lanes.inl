@@ -36,6 +36,12 @@ void solve_backward(const FactorView& factor, uint32_t begin, uint32_t end, Row4
   for (uint32_t p = end; p > begin; --p) PanelSolve<F>::backward(factor, p - 1, x, scratch);
 }
 
+template <class Body>
+void each_row(const Body& shared, size_t begin, size_t end) {
+  const Body body = shared;  // a copy that no row's result can alias
+  for (size_t p = begin; p < end; ++p) body(static_cast<uint32_t>(p));
+}
+
 double dot(const float* a, const float* b, size_t n) {
   constexpr size_t kBlock = 512;  // floats summed in float before they go into the double
   double sum = 0;
@@ -58,10 +64,14 @@ void combine(float* to, const float* a, const float* b, float by, size_t n) {
   for (size_t i = 0; i < n; i += L::kWidth) put(to + i, L::load(a + i) + L::load(b + i) * by);
 }
 
-constexpr EnergyLanes kLanes{elastic, solve_forward, solve_backward, FrontFactor<F>::eliminate, FrontFactor<F>::store_panel, dot, add_scaled, combine};
+constexpr EnergyLanes kLanes{
+    elastic, solve_forward, solve_backward, FrontFactor<F>::eliminate, FrontFactor<F>::store_panel, each_row<Smooth>, each_row<Residual>,
+    dot,     add_scaled,    combine};
 
 }  // namespace
 
-const EnergyLanes* KNEAD_ENERGY_LANES() { return &kLanes; }
+const EnergyLanes* KNEAD_ENERGY_LANES() {
+  return &kLanes;
+}
 
 }  // namespace knead

@@ -58,17 +58,18 @@ class Solver {
         settings_(settings),
         figures_(figures),
         lanes_(energy_lanes(executor)),
+        math_(executor, lanes_),
         contacts_(executor, rest, placement, colliders, settings),
         u_(rest.rows),
         trial_(rest.rows),
         gradient_(rest.rows),
         trial_gradient_(rest.rows),
-        direction_(rest.factor->solve_rows()),
+        direction_(rest.metric->solve_rows()),
         forces_(4 * rest.stride),
         bulk_(rest.rows),
-        bulk_solved_(rest.factor->solve_rows()),
+        bulk_solved_(rest.metric->solve_rows()),
         listed_at_(rest.rows),
-        scratch_(rest.factor->scratch_floats() + 16) {
+        scratch_(rest.metric->scratch_floats() + 16) {
     for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
   }
 
@@ -193,7 +194,7 @@ class Solver {
     ScopedTime time(figures_.factor_seconds);
     diagonal_ = deformed_ ? deformed_diagonal_ : rest_.metric_diagonal;
     contacts_.add_to(diagonal_, static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts));
-    factor_ = std::make_unique<SparseCholesky>(executor_, lanes_, deformed_ ? *deformed_ : *rest_.factor, diagonal_, settings_.check_cancelled);
+    metric_ = (deformed_ ? *deformed_ : *rest_.metric).renewed(executor_, lanes_, diagonal_, settings_.check_cancelled);
     ++figures_.factors;
     renew_bulk();
   }
@@ -205,7 +206,7 @@ class Solver {
       ScopedTime time(figures_.factor_seconds);
       std::vector<float> entries;
       rest_.metric_at(u_.data(), entries, deformed_diagonal_);
-      deformed_ = std::make_unique<SparseCholesky>(executor_, lanes_, rest_.factor->plan(), entries, deformed_diagonal_, settings_.check_cancelled);
+      deformed_ = rest_.metric->remade(executor_, lanes_, entries, deformed_diagonal_, settings_.check_cancelled);
       scale_ = 1;
     }
     renew_metric();
@@ -213,19 +214,19 @@ class Solver {
 
   void apply_metric(Rows& x) {
     ScopedTime time(figures_.solve_seconds);
-    factor_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
     if (!contacts_.keeps_volume()) return;
     // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
-    const double along = lanes_.dot(bulk_.floats(), x.floats(), floats());
-    lanes_.add_scaled(x.floats(), bulk_solved_.floats(), static_cast<float>(-along * bulk_factor_), floats());
+    const double along = math_.dot(bulk_.floats(), x.floats(), floats());
+    math_.add_scaled(x.floats(), bulk_solved_.floats(), static_cast<float>(-along * bulk_factor_), floats());
   }
 
   void renew_bulk() {
     if (!contacts_.keeps_volume()) return;
     contacts_.volume_gradient(bulk_.data());
     std::copy_n(bulk_.data(), rest_.rows, bulk_solved_.data());
-    factor_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
-    bulk_factor_ = 1 / (contacts_.volume_compliance() + lanes_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
+    metric_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
+    bulk_factor_ = 1 / (contacts_.volume_compliance() + math_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
   }
 
   // direction_ <- -(metric of the last pairs) gradient
@@ -235,16 +236,16 @@ class Solver {
     double weight[kMemory];
     for (int k = pairs_ - 1; k >= 0; --k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
-      weight[slot] = lanes_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
-      lanes_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
+      weight[slot] = math_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
+      math_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
     }
     apply_metric(direction_);
     if (scale_ != 1)
       for (size_t i = 0; i < floats(); ++i) d[i] *= static_cast<float>(scale_);
     for (int k = 0; k < pairs_; ++k) {
       const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
-      const double back = lanes_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
-      lanes_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
+      const double back = math_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
+      math_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
     }
     for (size_t i = 0; i < floats(); ++i) d[i] = -d[i];
   }
@@ -253,10 +254,10 @@ class Solver {
   void remember() {
     const int slot = (newest_ + 1) % kMemory;
     float *s = steps_[static_cast<size_t>(slot)].floats(), *y = changes_[static_cast<size_t>(slot)].floats();
-    lanes_.combine(s, trial_.floats(), u_.floats(), -1, floats());
-    lanes_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
-    const double sy = lanes_.dot(s, y, floats());
-    if (!(sy > 1e-10 * std::sqrt(lanes_.dot(s, s, floats()) * lanes_.dot(y, y, floats())))) return;
+    math_.combine(s, trial_.floats(), u_.floats(), -1, floats());
+    math_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
+    const double sy = math_.dot(s, y, floats());
+    if (!(sy > 1e-10 * std::sqrt(math_.dot(s, s, floats()) * math_.dot(y, y, floats())))) return;
     over_[slot] = 1 / sy;
     newest_ = slot;
     pairs_ = std::min(pairs_ + 1, kMemory);
@@ -265,7 +266,7 @@ class Solver {
   bool search(const Evaluation& now, double slope, Evaluation& next) {
     double along = 1;
     for (int attempt = 0; attempt < 12; ++attempt) {
-      lanes_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
+      math_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
       next = evaluate(trial_, trial_gradient_);
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
       if (lower) {
@@ -367,6 +368,7 @@ class Solver {
   const EquilibriumSettings& settings_;
   EquilibriumFigures& figures_;
   const EnergyLanes& lanes_;
+  RowMath math_;
   EquilibriumContacts contacts_;
   Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, bulk_, bulk_solved_, listed_at_;
   std::vector<Rows> steps_, changes_;
@@ -380,8 +382,8 @@ class Solver {
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
   std::vector<float> deformed_diagonal_;
-  std::unique_ptr<SparseCholesky> deformed_;  // the rest shape's, once the body has little to do with it
-  std::unique_ptr<SparseCholesky> factor_;    // of this frame's contacts
+  std::unique_ptr<Metric> deformed_;  // in place of the rest shape's, once the body has little to do with it
+  std::unique_ptr<Metric> metric_;    // of this frame's contacts
 };
 
 }  // namespace

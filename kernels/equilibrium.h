@@ -1,5 +1,4 @@
-// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over one Cholesky factor of the rest
-// shape.
+// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over a metric of the rest shape.
 #pragma once
 #include <functional>
 #include <memory>
@@ -12,6 +11,9 @@
 
 namespace knead {
 
+// What stands for the energy's second derivative: one sparse factor, or a multigrid cycle where H is large or the factor would not fit.
+enum class MetricKind { kAuto, kFactor, kMultigrid };
+
 // What belongs to the rest shape. Paint is per vertex of M, null where there is none; it reaches H as kernels/hold.h says.
 struct EquilibriumMaterial {
   ElasticTerm term = ElasticTerm::kStableNeoHookean;
@@ -21,25 +23,29 @@ struct EquilibriumMaterial {
   const Buffer<float>* volume_weights = nullptr;
   const Buffer<float>* hold_weights = nullptr;
   const Buffer<float>* pins = nullptr;
-  bool keep_volume = true;    // M as a whole keeps the volume that it encloses
-  int contact_samples = 0;    // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
-  double memory_limit = 4e9;  // bytes for the factor
+  bool keep_volume = true;  // M as a whole keeps the volume that it encloses
+  int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
+  MetricKind metric = MetricKind::kAuto;
+  double memory_limit = 4e9;  // bytes for the metric
   std::function<void()> check_cancelled;
   void check() const {
     if (check_cancelled) check_cancelled();
   }
 };
 
-// Tables and the factor: made once, shared by all frames and threads. Throws Error(kMemory), before it starts, when the factor would need more than
+// Tables and the metric: made once, shared by all frames and threads. Throws Error(kMemory), before it starts, when the metric would need more than
 // the limit; Error(kInput) for paint that is no number or does not fit.
 class EquilibriumRest;
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
                                                            const EquilibriumMaterial& material);
 
 struct RestFigures {
-  size_t vertices = 0, tets = 0, factor_values = 0, samples = 0;
-  double factor_bytes = 0, factor_flops = 0;  // the factor and what it keeps for a frame's own
-  double order_seconds = 0, factor_seconds = 0, seconds = 0;
+  size_t vertices = 0, tets = 0, samples = 0;
+  std::string metric;        // factor, multigrid
+  size_t factor_values = 0;  // of a factor
+  double factor_flops = 0;   // of a factor
+  double metric_bytes = 0;   // the metric and what it keeps for a frame's own
+  double order_seconds = 0, metric_seconds = 0, seconds = 0;
 };
 const RestFigures& figures_of(const EquilibriumRest& rest);
 

@@ -12,14 +12,17 @@
 #include "kernels/energy_lanes.h"
 #include "kernels/hold.h"
 #include "kernels/loop_points.h"
+#include "kernels/multigrid.h"
 #include "kernels/neighbour_table.h"
 #include "kernels/parallel.h"
+#include "kernels/sparse_cholesky.h"
 
 namespace knead {
 namespace {
 
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
-constexpr double kLeastVolume = 1e-5;  // of the diagonal's cube: a surface that encloses less has no volume to keep
+constexpr size_t kFactorVertices = 5000;  // of H: above this a multigrid cycle is quicker than a factor (measured)
+constexpr double kLeastVolume = 1e-5;      // of the diagonal's cube: a surface that encloses less has no volume to keep
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -168,11 +171,72 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
 
 [[noreturn]] void throw_too_large(const RestFigures& figures, double limit) {
   char text[200];
-  std::snprintf(text, sizeof text,
-                "equilibrium: the factor of H's %zu vertices would take %.2g GB and %.2g floating-point operations; the limit is %.2g GB",
-                figures.vertices, figures.factor_bytes * 1e-9, figures.factor_flops, limit * 1e-9);
+  std::snprintf(text, sizeof text, "equilibrium: the %s of H's %zu vertices would take %.2g GB; the limit is %.2g GB", figures.metric.c_str(),
+                figures.vertices, figures.metric_bytes * 1e-9, limit * 1e-9);
   throw Error(ErrorCode::kMemory, text, "build a coarser H (build_tets: lower max_depth or min_depth), or raise memory_limit");
 }
+
+std::vector<GridPlace> grid_places(const TetMesh& tets) {
+  std::vector<GridPlace> places;
+  places.reserve(tets.vertices());
+  for (const Vec3f& x : tets.rest.host()) {
+    const auto place = [](float at) { return static_cast<int32_t>(std::lround(static_cast<double>(kGridUnit) * static_cast<double>(at))); };
+    places.push_back({place(x.x), place(x.y), place(x.z)});
+  }
+  return places;
+}
+
+// Orders H's vertices to suit the metric, and makes it.
+class MetricMaker {
+ public:
+  MetricMaker(Executor& executor, const TetMesh& tets, const EquilibriumMaterial& material) : executor_(executor), tets_(tets), material_(material) {
+    const bool large = material.metric == MetricKind::kAuto && tets.vertices() > kFactorVertices;
+    if (large || material.metric == MetricKind::kMultigrid)
+      dissection_.order = order_in_space(grid_places(tets));
+    else
+      dissection_ = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf, material.check_cancelled);
+  }
+  const std::vector<uint32_t>& order() const { return dissection_.order; }
+
+  void make(EquilibriumRest& rest, std::vector<std::array<uint32_t, 2>> edges) const {
+    RestFigures& figures = rest.figures;
+    std::shared_ptr<const FactorPlan> plan;
+    if (!dissection_.nodes.empty()) {
+      plan = std::make_shared<const FactorPlan>(dissection_, edges, material_.check_cancelled);
+      figures.metric = "factor";
+      figures.factor_values = plan->stored_values();
+      figures.factor_flops = plan->flops();
+      figures.metric_bytes = plan->bytes();
+      if (plan->bytes() > material_.memory_limit && material_.metric == MetricKind::kAuto) plan = nullptr;
+    }
+    if (!plan) {
+      figures.metric = "multigrid";
+      figures.metric_bytes = Multigrid::expected_bytes(rest.places, edges.size());
+    }
+    if (figures.metric_bytes > material_.memory_limit) throw_too_large(figures, material_.memory_limit);
+    std::vector<float> entries;
+    rest.metric_at(nullptr, entries, rest.metric_diagonal);
+    const EnergyLanes& lanes = energy_lanes(executor_);
+    if (plan) {
+      rest.metric = std::make_unique<SparseCholesky>(executor_, lanes, plan, entries, rest.metric_diagonal, material_.check_cancelled);
+      return;
+    }
+    const std::vector<GridPlace> by_vertex = grid_places(tets_);
+    std::vector<GridPlace> places;
+    places.reserve(by_vertex.size());
+    for (const uint32_t v : order()) places.push_back(by_vertex[v]);
+    auto made = std::make_unique<Multigrid>(executor_, lanes, places, edges, rest.free, entries, rest.metric_diagonal, material_.check_cancelled);
+    figures.metric_bytes = made->bytes() + 4.0 * static_cast<double>(made->scratch_floats());
+    rest.metric = std::move(made);
+  }
+
+ private:
+  static constexpr uint32_t kLeaf = 16;
+  Executor& executor_;
+  const TetMesh& tets_;
+  const EquilibriumMaterial& material_;
+  Dissection dissection_;  // of multigrid the order alone
+};
 
 }  // namespace
 
@@ -204,12 +268,11 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   for (size_t t = 0; t < tets.tets.size(); ++t)
     for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
 
-  constexpr uint32_t kLeaf = 16;
-  const Dissection dissection = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf, material.check_cancelled);
+  const MetricMaker metric(executor, tets, material);
   rest.figures.order_seconds = seconds_since(start);
-  rest.vertex_at = dissection.order;
+  rest.vertex_at = metric.order();
   std::vector<uint32_t> place(n);
-  for (uint32_t p = 0; p < n; ++p) place[dissection.order[p]] = p;
+  for (uint32_t p = 0; p < n; ++p) place[metric.order()[p]] = p;
   make_tet_tables(a, place, rest);
   material.check();
   rest.samples = make_samples(lattice, place, material.contact_samples);
@@ -233,19 +296,12 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
 
   std::vector<std::array<uint32_t, 2>> edges = make_edges(rest, material);
   rest.edges = edges.size();
-  const auto before_factor = std::chrono::steady_clock::now();
-  const auto plan = std::make_shared<const FactorPlan>(dissection, std::move(edges), material.check_cancelled);
+  const auto before_metric = std::chrono::steady_clock::now();
   rest.figures.vertices = n;
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  rest.figures.factor_values = plan->stored_values();
-  rest.figures.factor_bytes = plan->bytes();
-  rest.figures.factor_flops = plan->flops();
-  if (plan->bytes() > material.memory_limit) throw_too_large(rest.figures, material.memory_limit);
-  std::vector<float> entries;
-  rest.metric_at(nullptr, entries, rest.metric_diagonal);
-  rest.factor = std::make_unique<SparseCholesky>(executor, energy_lanes(executor), plan, entries, rest.metric_diagonal, material.check_cancelled);
-  rest.figures.factor_seconds = seconds_since(before_factor);
+  metric.make(rest, std::move(edges));
+  rest.figures.metric_seconds = seconds_since(before_metric);
   rest.figures.seconds = seconds_since(start);
   return made;
 }

@@ -1,4 +1,4 @@
-// The tables behind kernels/equilibrium.h. All of H's vertices are numbered by their places in the factor's elimination order.
+// The tables behind kernels/equilibrium.h. All of H's vertices are numbered by their places in an order that suits the metric.
 #pragma once
 #include <memory>
 #include <mutex>
@@ -6,7 +6,7 @@
 
 #include "kernels/equilibrium.h"
 #include "kernels/mesh_distance.h"
-#include "kernels/sparse_cholesky.h"
+#include "kernels/metric.h"
 
 namespace knead {
 
@@ -49,7 +49,7 @@ class EquilibriumRest {
   const MeshDistance& searchable(Executor& executor) const;  // M, for ray casts: made when it is first asked for
   double contact_scale = 1;                 // kc of `contact` = 1, per cell
   std::vector<float> metric_diagonal;       // P's, by place
-  std::unique_ptr<SparseCholesky> factor;   // of P without contacts
+  std::unique_ptr<const Metric> metric;     // of P without contacts
   RestFigures figures;
 
   // The metric P with H displaced by u (null: at rest), without contacts: entries by edge, and the diagonal by place. Each tet's part of the elastic
@@ -62,7 +62,7 @@ class EquilibriumRest {
   mutable std::unique_ptr<MeshDistance> searchable_;
 };
 
-// Samples of the surface that `lattice` binds, in places of the elimination order: `steps` subdivisions of a triangle's sides, below 2 vertices only.
+// Samples of the surface that `lattice` binds, in places of the metric's order: `steps` subdivisions of a triangle's sides, below 2 vertices only.
 SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps);
 
 }  // namespace knead

@@ -11,11 +11,10 @@
 #include "graph/buffer.h"
 #include "graph/executor.h"
 #include "kernels/factor_body.h"
+#include "kernels/metric.h"
 #include "kernels/nested_dissection.h"
 
 namespace knead {
-
-struct EnergyLanes;
 
 // What belongs to the matrix's pattern: the tree of fronts and where everything goes. Shared by all factors.
 class FactorPlan {
@@ -63,7 +62,7 @@ class FactorPlan {
   double flops_ = 0, bytes_ = 0;
 };
 
-class SparseCholesky {
+class SparseCholesky : public Metric {
  public:
   // The factor of the matrix with these entries, by edge, and this diagonal. Throws Error(kInput) when it is not positive definite. `check` is called
   // now and then by any thread, and may throw.
@@ -75,12 +74,19 @@ class SparseCholesky {
   SparseCholesky(Executor& executor, const EnergyLanes& lanes, const SparseCholesky& before, std::span<const float> diagonal,
                  const std::function<void()>& check = {});
 
-  // x <- A^-1 x. `x` has solve_rows() rows, those from size() on for the solve itself; `scratch` has scratch_floats() of room.
-  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const;
+  std::unique_ptr<Metric> renewed(Executor& executor, const EnergyLanes& lanes, std::span<const float> diagonal,
+                                  const std::function<void()>& check) const override {
+    return std::make_unique<SparseCholesky>(executor, lanes, *this, diagonal, check);
+  }
+  std::unique_ptr<Metric> remade(Executor& executor, const EnergyLanes& lanes, std::span<const float> entries, std::span<const float> diagonal,
+                                 const std::function<void()>& check) const override {
+    return std::make_unique<SparseCholesky>(executor, lanes, plan_, entries, diagonal, check);
+  }
 
-  size_t solve_rows() const { return (plan_->size() + 15) / 16 * 16 + plan_->parts_.size() * plan_->top_places_.size(); }
-  size_t scratch_floats() const { return 3 * size_t{plan_->highest_} * (plan_->parts_.size() + 1); }
-  const std::shared_ptr<const FactorPlan>& plan() const { return plan_; }
+  // x <- A^-1 x
+  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const override;
+  size_t solve_rows() const override { return (plan_->size() + 15) / 16 * 16 + plan_->parts_.size() * plan_->top_places_.size(); }
+  size_t scratch_floats() const override { return 3 * size_t{plan_->highest_} * (plan_->parts_.size() + 1); }
 
  private:
   void make(Executor& executor, const EnergyLanes& lanes, const SparseCholesky* before, const std::vector<char>& changed,

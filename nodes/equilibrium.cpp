@@ -5,7 +5,7 @@
 
 namespace knead {
 
-// What the frames share: the tables and the factor of one rest shape.
+// What the frames share: the tables and the metric of one rest shape.
 struct PreparedRest {
   std::shared_ptr<const EquilibriumRest> rest;
 };
@@ -41,14 +41,19 @@ touch nothing, as bones do.
 
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
-It starts from rest and runs L-BFGS over one sparse Cholesky factor of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept. It ends when the forces
+It starts from rest and runs L-BFGS over a metric of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept: one sparse Cholesky factor, or for an H of
+more than 5,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
 balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
 left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where no collider is nearer than the gap, M comes out
-untouched. An H whose factor would not fit memory_limit is refused.
+untouched.
 The same bits for any number of threads.)";
 
 ElasticTerm term_of(const std::string& name) {
   return name == "edges" ? ElasticTerm::kEdges : name == "corotated" ? ElasticTerm::kCorotated : ElasticTerm::kStableNeoHookean;
+}
+
+MetricKind metric_of(const std::string& name) {
+  return name == "factor" ? MetricKind::kFactor : name == "multigrid" ? MetricKind::kMultigrid : MetricKind::kAuto;
 }
 
 class Equilibrium : public Node {
@@ -97,8 +102,10 @@ class Equilibrium : public Node {
                              EquilibriumSettings{}.memory_interval,
                              {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
   Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
+  Param<std::string> metric{
+      this, "metric", "auto", {.choices = {"auto", "factor", "multigrid"}, .doc = "what the descent is measured with; auto: by the size of H"}};
   Param<double> memory_limit{
-      this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose factor takes more is refused"}};
+      this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose metric takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
   Out<Report> report{
@@ -145,7 +152,14 @@ class Equilibrium : public Node {
  private:
   Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
     Hasher key;
-    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples()).add(memory_limit());
+    key.add("equilibrium")
+        .add(material())
+        .add(poisson_ratio())
+        .add(hold())
+        .add(keep_volume())
+        .add(contact_samples())
+        .add(memory_limit())
+        .add(metric());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
@@ -163,6 +177,7 @@ class Equilibrium : public Node {
     settings.hold = hold();
     settings.keep_volume = keep_volume();
     settings.contact_samples = contact_samples();
+    settings.metric = metric_of(metric());
     settings.memory_limit = 1e9 * memory_limit();
     settings.check_cancelled = [&] { context.check_cancelled(); };
     settings.pins = paint(pins);
@@ -191,11 +206,11 @@ class Equilibrium : public Node {
     report.set("elastic_milliseconds", 1e3 * figures.elastic_seconds);
     report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
     report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
-    report.set("contact_factor_milliseconds", 1e3 * figures.factor_seconds);
-    report.set("factor_megabytes", 1e-6 * rest.factor_bytes);
-    report.set("factor_values", static_cast<double>(rest.factor_values));
+    report.set("metric_renewal_milliseconds", 1e3 * figures.factor_seconds);
+    report.set("metric", rest.metric);
+    report.set("metric_megabytes", 1e-6 * rest.metric_bytes);
     report.set("order_milliseconds", 1e3 * rest.order_seconds);
-    report.set("factor_milliseconds", 1e3 * rest.factor_seconds);
+    report.set("metric_set_up_milliseconds", 1e3 * rest.metric_seconds);
     report.set("prepare_milliseconds", 1e3 * rest.seconds);
     return report;
   }
