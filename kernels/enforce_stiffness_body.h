@@ -6,10 +6,11 @@
 
 namespace knead {
 
-struct EnforceStiffness {
+template <class Table>
+struct EnforceStiffnessOn {
   const Vec3f* from;      // x, tet space
   Vec3f* to;
-  LaneTable edges;
+  Table edges;
   const float* weights;   // of s, per vertex of H; may be null
   float stiffness;        // s
   float ignored;          // relative length errors up to this are the rounding of the rest shape
@@ -41,5 +42,6 @@ struct EnforceStiffness {
   }
   KNEAD_HD void operator()(uint32_t t) const { lane<float>(t); }
 };
+using EnforceStiffness = EnforceStiffnessOn<LaneTable>;
 
 }  // namespace knead

@@ -53,10 +53,11 @@ KNEAD_HD Vec3<F> clamped(const Vec3<F>& v, float longest) {
   return v * (squared > limit ? shrink : one);
 }
 
-struct RestoreVolume {
+template <class Table>
+struct RestoreVolumeOn {
   const Vec3f* from;  // x, tet space
   Vec3f* to;
-  LaneTable strips;  // kernels/strips.h
+  Table strips;  // kernels/strips.h
   float regularisation;
   float relaxation;
   float ignored;   // relative volume errors up to this are the rounding of the rest shape
@@ -91,5 +92,6 @@ struct RestoreVolume {
   }
   KNEAD_HD void operator()(uint32_t t) const { lane<float>(t); }
 };
+using RestoreVolume = RestoreVolumeOn<LaneTable>;
 
 }  // namespace knead
