@@ -79,11 +79,7 @@ Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, cons
   PaintToTets body{};
   body.paint = paint.view(executor.device()).data();
   body.to = weights.data_for_write();
-  body.order = gather.order;
-  body.valence = gather.valence;
-  body.row_offsets = gather.row_offsets;
-  body.indices = gather.indices;
-  body.values = gather.values;
+  body.gather = gather;
   body.largest = largest;
   std::fill_n(body.to, weights.size(), elsewhere);
   uint32_t influencing = 0;  // lanes with neighbours come first

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "kernels/lane_table.h"
 #include "kernels/neighbour_table.h"
 
 namespace knead {
@@ -115,10 +116,11 @@ class Walker {
 }  // namespace
 
 NeighbourTable make_strips(const NeighbourTable& vertex_tets, Executor& executor) {
-  const auto order = vertex_tets.order.host(), valence = vertex_tets.valence.host(), row = vertex_tets.row_offsets.host();
+  const auto order = vertex_tets.order.host(), valence = vertex_tets.valence.host();
   const auto corners = vertex_tets.indices.host();
   const auto values = vertex_tets.values.host();
   const size_t entries = vertex_tets.entries();
+  const LaneTable around = lane_table(vertex_tets, Device{});
   std::vector<uint32_t> lane_of(vertex_tets.lanes);
   for (uint32_t t = 0; t < vertex_tets.lanes; ++t) lane_of[order[t]] = t;
   constexpr size_t kPiece = 1024;
@@ -131,7 +133,7 @@ NeighbourTable make_strips(const NeighbourTable& vertex_tets, Executor& executor
       const uint32_t t = lane_of[v];
       walker.begin();
       for (uint32_t k = 0; k < valence[t]; ++k) {
-        const size_t e = size_t{row[k]} + t;
+        const size_t e = around.entry(t, k);
         walker.add({corners[e], corners[entries + e], corners[2 * entries + e]}, values[e]);
       }
       const size_t before = found.size();

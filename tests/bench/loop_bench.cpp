@@ -59,7 +59,7 @@ const Body& body_on(Executor& executor, const Size& size) {
 }
 
 size_t bytes_of(const NeighbourTable& t) {
-  return t.order.bytes() + t.valence.bytes() + t.row_offsets.bytes() + t.indices.bytes() + t.values.bytes();
+  return t.order.bytes() + t.valence.bytes() + t.block_offsets.bytes() + t.indices.bytes() + t.values.bytes();
 }
 // Of what a pass reads of the table: the valences only serve to build it.
 size_t bytes_read(const NeighbourTable& t) { return bytes_of(t) - t.valence.bytes(); }

@@ -7,17 +7,13 @@
 namespace knead::bench {
 
 TableData restructured(const NeighbourTable& table, uint32_t vertices, Structure structure, Order order) {
-  const auto around = [&, order_of = table.order.host(), valence = table.valence.host()] {
-    std::vector<uint32_t> lane(vertices);
-    for (uint32_t t = 0; t < table.lanes; ++t) lane[order_of[t]] = t;
-    return std::pair(lane, valence);
-  }();
-  const auto& [lane_of, valence] = around;
+  std::vector<uint32_t> lane_of(vertices);
+  for (uint32_t t = 0; t < table.lanes; ++t) lane_of[table.order.host()[t]] = t;
   constexpr uint32_t kBlock = NeighbourTable::kLaneBlock;
   const uint32_t padded = (vertices + kBlock - 1) / kBlock * kBlock;
   std::vector<uint32_t> sequence(vertices);
   std::iota(sequence.begin(), sequence.end(), 0u);
-  const auto valence_of = [&](uint32_t v) { return valence[lane_of[v]]; };
+  const auto valence_of = [&](uint32_t v) { return table.valence.host()[lane_of[v]]; };
   if (order == Order::kByValence) std::stable_sort(sequence.begin(), sequence.end(), [&](uint32_t a, uint32_t b) { return valence_of(a) > valence_of(b); });
   sequence.resize(padded, sequence.back());
 
@@ -50,16 +46,15 @@ TableData restructured(const NeighbourTable& table, uint32_t vertices, Structure
   made.values = Buffer<float>(offsets.back());
   uint32_t* indices = made.indices.data_for_write();
   float* values = made.values.data_for_write();
-  const auto row = table.row_offsets.host(), from = table.indices.host();
-  const auto weights = table.values.host();
+  const LaneTable from = lane_table(table, Device{});
   const auto fill = [&](auto view) {
     for (uint32_t t = 0; t < (structure == Structure::kCsr ? vertices : padded); ++t)
       for (uint32_t k = 0; view.has(t, k); ++k) {
         const uint32_t v = sequence[t];
         const bool has = t < vertices && k < valence_of(v);
-        const size_t source = has ? row[k] + lane_of[v] : 0;
-        indices[view.entry(t, k)] = has ? from[source] : v;
-        values[view.entry(t, k)] = has ? weights[source] : 0.0f;
+        const size_t source = has ? from.entry(lane_of[v], k) : 0;
+        indices[view.entry(t, k)] = has ? from.indices[source] : v;
+        values[view.entry(t, k)] = has ? from.values[source] : 0.0f;
       }
   };
   const auto view = [&]<class Table>() { return Table{sequence.data(), offsets.data(), nullptr, nullptr, vertices, made.rows}; };

@@ -30,7 +30,7 @@ struct EllTable {
   static constexpr uint32_t kBlock = NeighbourTable::kLaneBlock;
 };
 
-// Sliced ELL: ELL for each block of kBlock lanes by itself.
+// Sliced ELL: ELL for each block of kBlock lanes by itself. By valence it is the library's own.
 struct SlicedTable {
   const uint32_t *order, *offsets, *indices;  // offsets: [blocks + 1] first entry of a block
   const float* values;
