@@ -112,7 +112,7 @@ struct TetMesh {
   Buffer<std::array<uint32_t, 2>> edges;  // a < b, sorted
   Buffer<float> rest_lengths;         // L, per edge, cells
   NeighbourTable vertex_tets;         // three other corners in an order that keeps the orientation (see restore_volume); values V0
-  NeighbourTable vertex_strips;       // the same tets as strips, one new vertex per entry (kernels/strips.h); values V0, signed
+  NeighbourTable vertex_strips;       // the same tets as strips, one new vertex per entry (kernels/strips.h); values 1 / (6 V0), signed
   NeighbourTable vertex_edges;        // the other end; values L
   Buffer<float> lane_volumes;         // [lanes of vertex_tets, padded] the volume of the lane's tets, cells^3; 0 in padding lanes
   Similarity to_local;                // tet space to M's local space: scale is the finest cell's edge; vectors turn too

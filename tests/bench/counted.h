@@ -1,6 +1,8 @@
 // A lane type that counts its arithmetic: a body run with it says exactly how many operations its lanes take. Additions, subtractions,
-// multiplications, divisions, square roots and reciprocals count one each; comparisons, selections and negations none.
+// multiplications, divisions, roots and reciprocals count one each; comparisons, selections and negations none.
 #pragma once
+#include <cmath>
+
 #include "kernels/pack.h"
 
 namespace knead::bench {
@@ -43,6 +45,9 @@ struct Lane<bench::Counted> {
   static void put_rows(Vec3f* v, const uint32_t* i, uint32_t, const Vec3<F>& x) { v[*i] = {x.x.v, x.y.v, x.z.v}; }
   static F root(F v) { return F::of(Lane<float>::root(v.v)); }
   static F reciprocal(F v) { return F::of(1 / v.v); }
+  static F over_root(F a, F v) { return ++F::operations, F::of(Lane<float>::over_root(a.v, v.v)); }
+  static F abs(F v) { return {std::abs(v.v)}; }
+  static F turned(F v, F by) { return {Lane<float>::turned(v.v, by.v)}; }
   static bool same_sign(F a, F b) { return Lane<float>::same_sign(a.v, b.v); }
 };
 
