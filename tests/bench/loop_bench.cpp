@@ -108,16 +108,17 @@ struct Kernel {
   std::function<double(const Body&)> operations;  // of the host's body; null: not counted
 };
 
-CollideFigures push_out(Executor& executor, const Body& body) {
+Buffer<Vec3f> push_out(Executor& executor, const Body& body) {
   const Sdf* collider = &body.solid;
   CollideInput input;
   input.points = body.bent.points.view(executor.device());
   input.placement = body.bent.placement;
   input.colliders = {&collider, 1};
-  input.most = 1;
+  input.most = 0.1 * body.bent.diagonal();
   Buffer<Vec3f> displacement(input.points.size(), executor.memory());
   Buffer<float> memory(input.points.size(), executor.memory());
-  return collide_push(executor, input, displacement.data_for_write(), memory.data_for_write());
+  collide_push(executor, input, displacement.data_for_write(), memory.data_for_write());
+  return displacement;
 }
 
 const std::vector<Kernel>& kernels() {
@@ -157,6 +158,43 @@ const std::vector<Kernel>& kernels() {
        [](const Body& b) { return (12 + 12 + 4 + 4 + 12 + 12 + 4 + 12) * b.tets.vertices(); }, nullptr},
   };
   return all;
+}
+
+double farthest(const Buffer<Vec3f>& ours, const std::vector<Eigen::Vector3d>& plain) {
+  double most = 0;
+  for (size_t i = 0; i < plain.size(); ++i) {
+    const Vec3f& at = ours.host()[i];
+    most = std::max(most, (plain[i] - Eigen::Vector3d(at.x, at.y, at.z)).norm());
+  }
+  return most;
+}
+
+// A reference that computes something else would make a fine ratio: every step of one iteration must agree with the library's, from the same start.
+void check_plain(const Body& b) {
+  Executor& executor = executor_of("cpu", 1);
+  PlainLoop plain(b.tets, b.lattice);
+  const std::vector<PlainField> fields{PlainField(b.solid)};
+  const double cell = b.tets.to_local.scale;
+  const auto expect = [](double difference, double most, const char* what) {
+    if (!(difference <= most)) throw Error(ErrorCode::kInternal, std::string("the plain reference differs in ") + what + " by " + std::to_string(difference) + " cells");
+  };
+  plain.place(b.points.values);
+  plain.map_to_surface();
+  expect(farthest(b.bent.points, plain.surface()) / cell, 1e-4, "map_to_surface");
+  plain.collide(fields);
+  const Buffer<Vec3f> push = push_out(executor, b);
+  expect(farthest(push, plain.pushes()) / cell, 0.02, "collide_sdf");  // another gradient in the last voxel
+  plain.map_to_tets(0.5);
+  Buffer<Vec3f> moved = map_to_tets(executor, push, b.points.values, b.lattice, {.mean_edge = static_cast<double>(b.tets.mean_edge)});
+  expect(farthest(moved, plain.points()), 0.02, "map_to_tets");
+  plain.place(b.points.values);
+  plain.restore_volume(0.4, 0.03, 0.5);
+  RestoreVolumeSettings once;
+  once.sweeps = 1;
+  expect(farthest(restore_volume(executor, b.points.values, b.tets, once), plain.points()), 1e-3, "restore_volume");
+  plain.place(b.points.values);
+  plain.enforce_stiffness(0.5, 0.5);
+  expect(farthest(enforce_stiffness(executor, b.points.values, b.tets, {}), plain.points()), 1e-4, "enforce_stiffness");
 }
 
 void describe(benchmark::State& state, const Body& body) {
@@ -411,6 +449,7 @@ int main_of(int count, char** arguments) {
     add_memory(*size);
   }
   add_frames(setting);
+  check_plain(host_body(kSizes[0]));
   benchmark::Initialize(&count, arguments);
   if (benchmark::ReportUnrecognizedArguments(count, arguments)) return 1;
   benchmark::RunSpecifiedBenchmarks();

@@ -36,6 +36,7 @@ class PlainLoop {
 
   const std::vector<Eigen::Vector3d>& points() const { return x_; }
   const std::vector<Eigen::Vector3d>& surface() const { return y_; }
+  const std::vector<Eigen::Vector3d>& pushes() const { return displacement_; }
 
  private:
   struct Weighted {
