@@ -82,9 +82,7 @@ Buffer<float> paint_to_tets(Executor& executor, const Buffer<float>& paint, cons
   body.gather = gather;
   body.largest = largest;
   std::fill_n(body.to, weights.size(), elsewhere);
-  uint32_t influencing = 0;  // lanes with neighbours come first
-  while (influencing < gather.lanes && gather.valence[influencing] > 0) ++influencing;
-  parallel_for(executor, influencing, "paint_to_tets", body);
+  parallel_for(executor, gather.lanes, "paint_to_tets", body);
   return weights;
 }
 

@@ -14,16 +14,15 @@ uint32_t padded(uint32_t n) {
   return (n + kBlock - 1) / kBlock * kBlock;
 }
 
-// Vertices by falling valence, equal ones in their own order: a counting sort.
-std::vector<uint32_t> sorted_by_valence(std::span<const uint32_t> offsets, uint32_t largest, Lanes lanes) {
-  const uint32_t vertices = static_cast<uint32_t>(offsets.size() - 1);
-  std::vector<uint32_t> start(largest + 2, 0);  // start[largest - valence]
-  for (uint32_t v = 0; v < vertices; ++v) ++start[largest - (offsets[v + 1] - offsets[v]) + 1];
-  for (uint32_t k = 0; k <= largest; ++k) start[k + 1] += start[k];
-  const uint32_t kept = lanes == Lanes::kAll ? vertices : start[largest];
-  std::vector<uint32_t> order(vertices);
-  for (uint32_t v = 0; v < vertices; ++v) order[start[largest - (offsets[v + 1] - offsets[v])]++] = v;
-  order.resize(kept);
+// Window by window, vertices by falling valence, equal ones in their own order.
+std::vector<uint32_t> sorted_by_valence(std::span<const uint32_t> offsets, Lanes lanes) {
+  const auto valence = [&](uint32_t v) { return offsets[v + 1] - offsets[v]; };
+  std::vector<uint32_t> order;
+  for (uint32_t v = 0; v + 1 < offsets.size(); ++v)
+    if (lanes == Lanes::kAll || valence(v) > 0) order.push_back(v);
+  for (size_t begin = 0; begin < order.size(); begin += kSortWindow)
+    std::stable_sort(order.begin() + static_cast<ptrdiff_t>(begin), order.begin() + static_cast<ptrdiff_t>(std::min(begin + kSortWindow, order.size())),
+                     [&](uint32_t a, uint32_t b) { return valence(a) > valence(b); });
   return order;
 }
 
@@ -45,7 +44,7 @@ NeighbourTable make_neighbour_table(const Adjacency& adjacency, PadIndex pad, La
   const uint32_t vertices = static_cast<uint32_t>(offsets.size() - 1);
   uint32_t largest = 0;
   for (uint32_t v = 0; v < vertices; ++v) largest = std::max(largest, offsets[v + 1] - offsets[v]);
-  const std::vector<uint32_t> order = sorted_by_valence(offsets, largest, lanes);
+  const std::vector<uint32_t> order = sorted_by_valence(offsets, lanes);
 
   NeighbourTable table;
   table.lanes = static_cast<uint32_t>(order.size());
@@ -109,11 +108,11 @@ std::string check_neighbour_table(const NeighbourTable& table, uint32_t index_co
   if (order.size() != padded(table.lanes) || valence.size() != order.size()) return "lanes are not padded to the block";
   if (block.size() != blocks + 1 || block[0] != 0 || block[blocks] != entries) return "block offsets do not span the entries";
   if (indices.size() != entries * table.columns) return "indices and values disagree in number";
-  if (table.lanes > 0 && valence[0] != table.largest) return "the first lane does not have the largest valence";
+  if (table.lanes > 0 && *std::max_element(valence.begin(), valence.end()) != table.largest) return "no lane has the largest valence";
   const LaneTable lanes = lane_table(table, Device{});
   for (uint32_t t = 0; t < order.size(); ++t) {
     if (t >= table.lanes && (valence[t] != 0 || order[t] != order[table.lanes - 1])) return at("padding lane is not empty", t);
-    if (t > 0 && valence[t] > valence[t - 1]) return at("valence rises", t);
+    if (t % kSortWindow != 0 && valence[t] > valence[t - 1]) return at("valence rises", t);
     if (t % kBlock == 0 && block[t / kBlock + 1] != block[t / kBlock] + kBlock * valence[t]) return at("wrong length of block", t / kBlock);
     for (uint32_t k = 0; lanes.has(t, k); ++k) {
       const size_t entry = lanes.entry(t, k);
