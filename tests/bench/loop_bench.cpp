@@ -5,6 +5,7 @@
 #include <benchmark/benchmark.h>
 
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <map>
@@ -439,6 +440,7 @@ Setting read_setting(int& count, char** arguments) {
 int main_of(int count, char** arguments) {
   static const Setting setting = read_setting(count, arguments);
   benchmark::AddCustomContext("processor", processor_name());
+  if (const char* command = std::getenv("KNEAD_BENCH_COMMAND")) benchmark::AddCustomContext("command", command);  // --benchmark_context takes no second '='
   benchmark::AddCustomContext("device", setting.device);
   benchmark::AddCustomContext("threads", std::to_string(setting.threads.back()));
   benchmark::AddCustomContext("simd", name_of(simd_level(executor_of(setting.device, 1))));

@@ -10,6 +10,6 @@ knead_build release loop_bench
 out=$knead_root/build/release/benchmarks.json
 commit=$(git -C "$knead_root" describe --always --dirty 2>/dev/null || echo unknown)
 # Interleaved repetitions: what disturbs the machine for a while disturbs all of them, and the table takes the best of each.
-"$knead_root/build/release/tests/bench/loop_bench" --benchmark_repetitions=7 --benchmark_min_time=0.05 --benchmark_enable_random_interleaving=true \
-  --benchmark_out="$out" --benchmark_out_format=json --benchmark_context=commit="$commit" "--benchmark_context=command=tests/bench/run.sh $*" "$@" >/dev/null
+KNEAD_BENCH_COMMAND="tests/bench/run.sh $*" "$knead_root/build/release/tests/bench/loop_bench" --benchmark_repetitions=7 --benchmark_min_time=0.05 --benchmark_enable_random_interleaving=true \
+  --benchmark_out="$out" --benchmark_out_format=json --benchmark_context=commit="$commit" "$@" >/dev/null
 python3 "$knead_root/tests/bench/table.py" "$out"
