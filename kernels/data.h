@@ -86,17 +86,19 @@ struct Weights {
   Buffer<float> values;
 };
 
-// Neighbours of every vertex, valence-sorted (paper Fig. 2): row k holds the k-th neighbour of all lanes that have one, contiguously. Lane t is vertex
-// order[t]; lanes are sorted by valence, descending, so row_offsets[k+1] - row_offsets[k] falls with k. Each row is padded to a multiple of kLaneBlock with
-// entries whose contribution is exactly zero (`columns` index arrays of the lane's own vertex, `values` zero), so that a block of lanes needs no mask.
+// Neighbours of every vertex, valence-sorted (paper Fig. 2). Lane t is vertex order[t]; lanes are sorted by valence, descending, within windows. Each block of
+// kLaneBlock lanes lies by itself: the first neighbours of its lanes side by side, then the second ones, up to its largest valence. Neighbour k of lane t is entry
+// block_offsets[t / kLaneBlock] + k * kLaneBlock + t % kLaneBlock. The paper has the k-th neighbours of all lanes side by side instead: the same entries, but
+// a pass then reads as many streams as the largest valence, which a CPU cannot prefetch (docs/benchmarks.md). Places without a neighbour are entries whose
+// contribution is exactly zero (`columns` index arrays of the lane's own vertex, `values` zero), so that a block of lanes needs no mask.
 struct NeighbourTable {
   static constexpr uint32_t kLaneBlock = 16;
   uint32_t lanes = 0;                  // vertices
-  uint32_t rows = 0;                   // the largest valence
+  uint32_t largest = 0;                // valence
   uint32_t columns = 0;                // indices per neighbour: 3 for tets, 1 for edges and maps
   Buffer<uint32_t> order;              // [lanes padded to kLaneBlock] the vertex of a lane; padding lanes repeat the last vertex and must not be written
   Buffer<uint32_t> valence;            // [lanes padded] neighbours of a lane; 0 in padding lanes
-  Buffer<uint32_t> row_offsets;        // [rows + 1] first entry of each row, multiples of kLaneBlock
+  Buffer<uint32_t> block_offsets;      // [blocks + 1] first entry of each block, multiples of kLaneBlock
   Buffer<uint32_t> indices;            // [columns][entries], column c of entry e at c * entries + e
   Buffer<float> values;                // [entries] what goes with a neighbour: V0, L or w
   size_t entries() const { return values.size(); }
@@ -110,7 +112,7 @@ struct TetMesh {
   Buffer<std::array<uint32_t, 2>> edges;  // a < b, sorted
   Buffer<float> rest_lengths;         // L, per edge, cells
   NeighbourTable vertex_tets;         // three other corners in an order that keeps the orientation (see restore_volume); values V0
-  NeighbourTable vertex_strips;       // the same tets as strips, one new vertex per entry (kernels/strips.h); values V0, signed
+  NeighbourTable vertex_strips;       // the same tets as strips, one new vertex per entry (kernels/strips.h); values 1 / (6 V0), signed
   NeighbourTable vertex_edges;        // the other end; values L
   Buffer<float> lane_volumes;         // [lanes of vertex_tets, padded] the volume of the lane's tets, cells^3; 0 in padding lanes
   Similarity to_local;                // tet space to M's local space: scale is the finest cell's edge; vectors turn too
@@ -161,7 +163,7 @@ struct Contacts {
     static void each_buffer([[maybe_unused]] T& v, [[maybe_unused]] F&& f) __VA_ARGS__ \
   };
 template <class F>
-void each_table_buffer(NeighbourTable& t, F&& f) { f(t.order); f(t.valence); f(t.row_offsets); f(t.indices); f(t.values); }
+void each_table_buffer(NeighbourTable& t, F&& f) { f(t.order); f(t.valence); f(t.block_offsets); f(t.indices); f(t.values); }
 
 template <>
 struct PortTraits<Surface> {

@@ -86,7 +86,7 @@ class Solver {
       figures_.ended = "no contact";
       return rest_.rest;
     }
-    if (!factor_) renew_metric();
+    if (!metric_) renew_metric();
     descend(now);
     figures_.undecided = contacts_.undecided();
     figures_.volume = contacts_.volume_error();
@@ -311,7 +311,7 @@ class Solver {
       listed_ = false;
       now = evaluate(u_, gradient_);
       if (now.contact.active == 0) continue;
-      if (step % kWayRenewal == 0 || !factor_) renew_metric();
+      if (step % kWayRenewal == 0 || !metric_) renew_metric();
       iterate(now);
     }
     figures_.way_in = figures_.iterations;

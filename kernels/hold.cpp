@@ -30,11 +30,7 @@ Buffer<float> brought_to_tets(Executor& executor, const Buffer<float>& paint, co
   PaintToTets body{};
   body.paint = paint.view(executor.device()).data();
   body.to = weights.data_for_write();
-  body.order = gather.order;
-  body.valence = gather.valence;
-  body.row_offsets = gather.row_offsets;
-  body.indices = gather.indices;
-  body.values = gather.values;
+  body.gather = gather;
   body.largest = largest;
   parallel_for(executor, weights.size(), "fill_from", FillFrom{elsewhere, body.to});
   parallel_for(executor, gather.lanes, "paint_to_tets", body);

@@ -73,19 +73,18 @@ struct PaintToTets {
   static constexpr const char* kKernel = "paint_to_tets";
   const float* paint;  // per vertex of M
   float* to;
-  const uint32_t *order, *valence, *row_offsets, *indices;
-  const float* values;
+  LaneTable gather;
   bool largest;
 
   KNEAD_HD void operator()(uint32_t t) const {
-    if (valence[t] == 0) return;
+    if (gather.valence[t] == 0) return;
     float sum = 0, most = 0;
-    for (uint32_t k = 0; k < valence[t]; ++k) {
-      const float w = paint[indices[row_offsets[k] + t]];
-      sum += values[row_offsets[k] + t] * w;
+    for (uint32_t k = 0; k < gather.valence[t]; ++k) {
+      const float w = paint[gather.indices[gather.entry(t, k)]];
+      sum += gather.values[gather.entry(t, k)] * w;
       most = w > most ? w : most;
     }
-    to[order[t]] = largest ? most : sum;
+    to[gather.order[t]] = largest ? most : sum;
   }
 };
 

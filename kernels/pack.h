@@ -33,6 +33,9 @@ struct Lane<float> {
   static KNEAD_HD void put_rows(Vec3f* v, const uint32_t* i, uint32_t, const Vec3f& x) { v[*i] = x; }
   static KNEAD_HD float root(float v) { return sqrtf(v); }
   static KNEAD_HD float reciprocal(float v) { return 1 / v; }
+  static KNEAD_HD float over_root(float a, float v) { return a / sqrtf(v); }
+  static KNEAD_HD float abs(float v) { return fabsf(v); }
+  static KNEAD_HD float turned(float v, float by) { return copysignf(1.0f, by) * v; }  // with the other sign where `by` has a minus
   static KNEAD_HD double sum(float v) { return v; }
   static KNEAD_HD bool same_sign(float a, float b) { return copysignf(1.0f, a) == copysignf(1.0f, b); }  // of zeros too
 };
@@ -47,6 +50,7 @@ KNEAD_HD Pack<4> even(Pack<4> a, Pack<4> b) { return _mm_shuffle_ps(a, b, 0x44);
 KNEAD_HD Pack<4> odd(Pack<4> a, Pack<4> b) { return _mm_shuffle_ps(a, b, 0xee); }
 KNEAD_HD Pack<4> root(Pack<4> v) { return _mm_sqrt_ps(v); }
 KNEAD_HD Pack<4> rough_reciprocal(Pack<4> v) { return _mm_rcp_ps(v); }
+KNEAD_HD Pack<4> rough_inverse_root(Pack<4> v) { return _mm_rsqrt_ps(v); }
 #if defined(__AVX2__)
 KNEAD_HD Pack<8> four_rows(const Vec3f* v, const uint32_t* i, Pack<8>) {
   return _mm256_insertf128_ps(_mm256_castps128_ps256(row(v, i[0])), row(v, i[4]), 1);
@@ -57,6 +61,7 @@ KNEAD_HD Pack<8> even(Pack<8> a, Pack<8> b) { return _mm256_shuffle_ps(a, b, 0x4
 KNEAD_HD Pack<8> odd(Pack<8> a, Pack<8> b) { return _mm256_shuffle_ps(a, b, 0xee); }
 KNEAD_HD Pack<8> root(Pack<8> v) { return _mm256_sqrt_ps(v); }
 KNEAD_HD Pack<8> rough_reciprocal(Pack<8> v) { return _mm256_rcp_ps(v); }
+KNEAD_HD Pack<8> rough_inverse_root(Pack<8> v) { return _mm256_rsqrt_ps(v); }
 #endif
 #if defined(__AVX512F__)
 // The zeroing forms with a full mask compile to the plain instructions, without GCC 12's false warnings about the plain intrinsics' undefined operand.
@@ -72,12 +77,14 @@ KNEAD_HD Pack<16> even(Pack<16> a, Pack<16> b) { return _mm512_maskz_shuffle_ps(
 KNEAD_HD Pack<16> odd(Pack<16> a, Pack<16> b) { return _mm512_maskz_shuffle_ps(0xffff, a, b, 0xee); }
 KNEAD_HD Pack<16> root(Pack<16> v) { return _mm512_maskz_sqrt_ps(0xffff, v); }
 KNEAD_HD Pack<16> rough_reciprocal(Pack<16> v) { return _mm512_maskz_rcp14_ps(0xffff, v); }
+KNEAD_HD Pack<16> rough_inverse_root(Pack<16> v) { return _mm512_maskz_rsqrt14_ps(0xffff, v); }
 #endif
 
 template <int W>
 struct PackLane {
   using F = Pack<W>;
   typedef float Unaligned __attribute__((vector_size(4 * W), may_alias, aligned(4)));
+  typedef int32_t Bits __attribute__((vector_size(4 * W), may_alias));
   static constexpr uint32_t kWidth = W;
   static KNEAD_HD F all(float v) { return F{} + v; }
   static KNEAD_HD F load(const float* v) { return *reinterpret_cast<const Unaligned*>(v); }
@@ -101,10 +108,14 @@ struct PackLane {
     const F rough = detail::rough_reciprocal(v);
     return rough * (2.0f - v * rough);
   }
-  static KNEAD_HD auto same_sign(F a, F b) {
-    typedef int32_t Bits __attribute__((vector_size(4 * W), may_alias));
-    return ((Bits)a ^ (Bits)b) >= 0;
+  // a / sqrt(v), likewise.
+  static KNEAD_HD F over_root(F a, F v) {
+    const F rough = detail::rough_inverse_root(v);
+    return (a * rough) * (1.5f - (0.5f * v * rough) * rough);
   }
+  static KNEAD_HD F abs(F v) { return (F)((Bits)v & INT32_MAX); }
+  static KNEAD_HD F turned(F v, F by) { return (F)((Bits)v ^ ((Bits)by & INT32_MIN)); }
+  static KNEAD_HD auto same_sign(F a, F b) { return ((Bits)a ^ (Bits)b) >= 0; }
   static KNEAD_HD double sum(F v) {
     double all = 0;
     for (int l = 0; l < W; ++l) all += v[l];

@@ -12,7 +12,8 @@ struct VolumeSystem {
   F xx{}, xy{}, xz{}, yy{}, yz{}, zz{};  // sum w b b^T
   Vec3<F> right{};                       // sum w b r
 
-  KNEAD_HD void add(const Vec3<F>& b, const F& r, const F& weight) {
+  // `pull`: w r
+  KNEAD_HD void add(const Vec3<F>& b, const F& weight, const F& pull) {
     const Vec3<F> w = b * weight;
     xx = xx + w.x * b.x;
     xy = xy + w.x * b.y;
@@ -20,27 +21,28 @@ struct VolumeSystem {
     yy = yy + w.y * b.y;
     yz = yz + w.y * b.z;
     zz = zz + w.z * b.z;
-    right += w * r;
+    right += b * pull;
   }
   KNEAD_HD Vec3<F> step(float regularisation) const {
     const F tiny = Lane<F>::all(1e-30f), least = Lane<F>::all(1e-6f);
     const F trace = xx + yy + zz;
     const F scale = 1.0f / (trace > tiny ? trace : tiny);
-    const F d0 = xx * scale + regularisation * (1.0f / 3) + least;
+    const F over0 = Lane<F>::reciprocal(xx * scale + regularisation * (1.0f / 3) + least);
     const F a01 = xy * scale, a02 = xz * scale;
-    const F l10 = a01 / d0, l20 = a02 / d0;
+    const F l10 = a01 * over0, l20 = a02 * over0;
     F d1 = yy * scale + regularisation * (1.0f / 3) - l10 * a01;
     d1 = d1 > least ? d1 : least;
     const F a12 = yz * scale - l20 * a01;
-    const F l21 = a12 / d1;
+    const F over1 = Lane<F>::reciprocal(d1);
+    const F l21 = a12 * over1;
     F d2 = zz * scale + regularisation * (1.0f / 3) - l20 * a02 - l21 * a12;
     d2 = d2 > least ? d2 : least;
     const F y0 = right.x * scale;
     const F y1 = right.y * scale - l10 * y0;
     const F y2 = right.z * scale - l20 * y0 - l21 * y1;
-    const F z = y2 / d2;
-    const F y = y1 / d1 - l21 * z;
-    return {y0 / d0 - l10 * y - l20 * z, y, z};
+    const F z = y2 * Lane<F>::reciprocal(d2);
+    const F y = y1 * over1 - l21 * z;
+    return {y0 * over0 - l10 * y - l20 * z, y, z};
   }
 };
 
@@ -49,48 +51,56 @@ template <class F>
 KNEAD_HD Vec3<F> clamped(const Vec3<F>& v, float longest) {
   const F squared = dot(v, v);
   const F limit = Lane<F>::all(longest * longest), one = Lane<F>::all(1.0f);
-  const F shrink = longest / Lane<F>::root(squared > limit ? squared : limit);
+  const F shrink = Lane<F>::over_root(Lane<F>::all(longest), squared > limit ? squared : limit);
   return v * (squared > limit ? shrink : one);
 }
 
-struct RestoreVolume {
+template <class Table>
+struct RestoreVolumeOn {
   static constexpr const char* kKernel = "restore_volume";
   const Vec3f* from;  // x, tet space
   Vec3f* to;
-  LaneTable strips;  // kernels/strips.h
+  Table strips;  // kernels/strips.h
   float regularisation;
   float relaxation;
-  float ignored;   // relative volume errors up to this are the rounding of the rest shape
+  float ignored;   // where all relative volume errors are up to this, they are the rounding of the rest shape
   float max_step;  // cells
   bool relative;   // tets count by their relative error, not by their error in cells^3
 
   template <class F>
   KNEAD_HD void lane(uint32_t t) const {
     using L = Lane<F>;
-    const F zero{}, one = L::all(1.0f), tiny = L::all(1e-30f);
+    const F zero{}, one = L::all(1.0f), accepted = L::all(ignored);
     const Vec3<F> a = L::rows(from, strips.order + t);
     VolumeSystem<F> system;
     Vec3<F> p = a, q = a, r = a;
-    F before{};
+    F before{}, worst{};
     for (uint32_t k = 0; strips.has(t, k); ++k) {
       const size_t entry = strips.entry(t, k);
-      const F rest = L::load(strips.values + entry);
-      const auto keep = L::same_sign(rest, before);
-      before = rest;
+      const F over_rest = L::load(strips.values + entry);  // 1 / (6 V0), signed; zero where there is no tet
+      const auto keep = L::same_sign(over_rest, before);
+      before = over_rest;
       p = {keep ? p.x : q.x, keep ? p.y : q.y, keep ? p.z : q.z};
       q = r;
       r = L::rows(from, strips.indices + entry);
       const Vec3<F> base = cross(p - r, q - r);
-      const F six_rest = 6.0f * rest, size = six_rest < zero ? -six_rest : six_rest;
-      const F error = dot(r - a, base) - six_rest;
-      const F counted = (error < zero ? -error : error) <= ignored * size ? zero : error;
-      const F weight = relative ? L::reciprocal(size > tiny ? size : one) : one;
-      system.add(base, counted, size > tiny ? weight : zero);
+      const F weight = L::abs(over_rest);
+      const auto counts = weight > zero;
+      const F unit = counts ? one : zero;
+      const F error = dot(r - a, base) * over_rest - unit;  // V / V0 - 1
+      const F size = L::abs(error);
+      worst = worst > size ? worst : size;
+      if (relative)
+        system.add(base, weight, L::turned(error, over_rest));
+      else
+        system.add(base, unit, error / (counts ? over_rest : one));
     }
     const Vec3<F> step = clamped(system.step(regularisation) * L::all(relaxation), max_step);
-    L::put_rows(to, strips.order + t, strips.lanes - t, a + step);
+    const auto moves = worst > accepted;
+    L::put_rows(to, strips.order + t, strips.lanes - t, {moves ? a.x + step.x : a.x, moves ? a.y + step.y : a.y, moves ? a.z + step.z : a.z});
   }
   KNEAD_HD void operator()(uint32_t t) const { lane<float>(t); }
 };
+using RestoreVolume = RestoreVolumeOn<LaneTable>;
 
 }  // namespace knead

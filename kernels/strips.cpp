@@ -4,12 +4,15 @@
 #include <array>
 #include <cmath>
 
+#include "kernels/lane_table.h"
 #include "kernels/neighbour_table.h"
 
 namespace knead {
 namespace {
 
 constexpr uint32_t kNone = UINT32_MAX;
+
+float over_six(float volume) { return static_cast<float>(1 / (6 * static_cast<double>(volume))); }
 
 struct Entry {
   uint32_t vertex;
@@ -19,8 +22,8 @@ struct Entry {
 // Walks the triangles around one vertex. Kept between vertices for its storage.
 class Walker {
  public:
-  void begin() { triangles_.clear(), volumes_.clear(); }
-  void add(const std::array<uint32_t, 3>& corners, float volume) { triangles_.push_back(corners), volumes_.push_back(volume); }
+  void begin() { triangles_.clear(), values_.clear(); }
+  void add(const std::array<uint32_t, 3>& corners, float value) { triangles_.push_back(corners), values_.push_back(value); }
 
   void walk(std::vector<Entry>& entries) {
     const size_t n = triangles_.size();
@@ -35,7 +38,7 @@ class Walker {
       if (last_negative) std::swap(last[0], last[1]);
       entries.push_back({last[0], negative ? 0.0f : -0.0f});
       entries.push_back({last[1], negative ? -0.0f : 0.0f});
-      entries.push_back({last[2], last_negative ? -volumes_[t] : volumes_[t]});
+      entries.push_back({last[2], last_negative ? -values_[t] : values_[t]});
       negative = last_negative;
       visited_[t] = 1;
       --left;
@@ -47,7 +50,7 @@ class Walker {
         if (!keep) last[0] = last[1], negative = !negative;
         last[1] = last[2];
         last[2] = other(t, last[0], last[1]);
-        entries.push_back({last[2], negative ? -volumes_[t] : volumes_[t]});
+        entries.push_back({last[2], negative ? -values_[t] : values_[t]});
         visited_[t] = 1;
         --left;
       }
@@ -107,7 +110,7 @@ class Walker {
   }
 
   std::vector<std::array<uint32_t, 3>> triangles_, neighbours_;
-  std::vector<float> volumes_;
+  std::vector<float> values_;
   std::vector<Side> sides_;
   std::vector<uint8_t> visited_;
 };
@@ -115,10 +118,11 @@ class Walker {
 }  // namespace
 
 NeighbourTable make_strips(const NeighbourTable& vertex_tets, Executor& executor) {
-  const auto order = vertex_tets.order.host(), valence = vertex_tets.valence.host(), row = vertex_tets.row_offsets.host();
+  const auto order = vertex_tets.order.host(), valence = vertex_tets.valence.host();
   const auto corners = vertex_tets.indices.host();
-  const auto values = vertex_tets.values.host();
+  const auto volumes = vertex_tets.values.host();
   const size_t entries = vertex_tets.entries();
+  const LaneTable around = lane_table(vertex_tets, Device{});
   std::vector<uint32_t> lane_of(vertex_tets.lanes);
   for (uint32_t t = 0; t < vertex_tets.lanes; ++t) lane_of[order[t]] = t;
   constexpr size_t kPiece = 1024;
@@ -131,8 +135,8 @@ NeighbourTable make_strips(const NeighbourTable& vertex_tets, Executor& executor
       const uint32_t t = lane_of[v];
       walker.begin();
       for (uint32_t k = 0; k < valence[t]; ++k) {
-        const size_t e = size_t{row[k]} + t;
-        walker.add({corners[e], corners[entries + e], corners[2 * entries + e]}, values[e]);
+        const size_t e = around.entry(t, k);
+        walker.add({corners[e], corners[entries + e], corners[2 * entries + e]}, over_six(volumes[e]));
       }
       const size_t before = found.size();
       walker.walk(found);
@@ -141,12 +145,12 @@ NeighbourTable make_strips(const NeighbourTable& vertex_tets, Executor& executor
   });
   for (size_t v = 0; v < lane_of.size(); ++v) offsets[v + 1] += offsets[v];
   std::vector<uint32_t> indices;
-  std::vector<float> volumes;
+  std::vector<float> values;
   indices.reserve(offsets.back());
-  volumes.reserve(offsets.back());
+  values.reserve(offsets.back());
   for (const std::vector<Entry>& piece : strips)
-    for (const Entry& entry : piece) indices.push_back(entry.vertex), volumes.push_back(entry.value);
-  return make_neighbour_table({offsets, indices, volumes, 1}, PadIndex::kOwnVertex, Lanes::kAll, executor);
+    for (const Entry& entry : piece) indices.push_back(entry.vertex), values.push_back(entry.value);
+  return make_neighbour_table({offsets, indices, values, 1}, PadIndex::kOwnVertex, Lanes::kAll, executor);
 }
 
 }  // namespace knead

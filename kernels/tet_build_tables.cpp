@@ -96,8 +96,11 @@ void sort_vertices(RawTets& raw) {
     order[v] = {valence[v], morton_key(static_cast<uint32_t>(at[0]), static_cast<uint32_t>(at[1]), static_cast<uint32_t>(at[2])), v};
   }
   std::sort(order.begin(), order.end(), [](const Keyed& a, const Keyed& b) {
-    return a.valence != b.valence ? a.valence > b.valence : a.key != b.key ? a.key < b.key : a.vertex < b.vertex;
+    return a.key != b.key ? a.key < b.key : a.vertex < b.vertex;
   });
+  for (size_t begin = 0; begin < vertices; begin += kSortWindow)
+    std::stable_sort(order.begin() + static_cast<ptrdiff_t>(begin), order.begin() + static_cast<ptrdiff_t>(std::min(begin + kSortWindow, vertices)),
+                     [](const Keyed& a, const Keyed& b) { return a.valence > b.valence; });
   std::vector<uint32_t> renumbered(vertices);
   std::vector<std::array<int32_t, 3>> places(vertices);
   for (uint32_t i = 0; i < vertices; ++i) {

@@ -7,7 +7,7 @@
 
 namespace knead {
 
-// Renumbers vertices by falling number of tets, along the Morton curve where that is equal.
+// Renumbers vertices along the Morton curve, and within windows of kSortWindow by falling number of tets.
 void sort_vertices(RawTets& raw);
 
 // Tet space has its origin at `origin` (a place): positions are exact in float32.

@@ -91,7 +91,7 @@ TEST(NeighbourTable, TakesNoVerticesAndNoNeighbours) {
   EXPECT_EQ(check_neighbour_table(empty, 0, PadIndex::kZero), "");
   const Made lonely = random_adjacency(3, 1, 0, 1);
   const NeighbourTable table = make_neighbour_table(lonely.adjacency(), PadIndex::kOwnVertex, Lanes::kAll, *executor);
-  EXPECT_EQ(table.rows, 0u);
+  EXPECT_EQ(table.largest, 0u);
   EXPECT_EQ(check_neighbour_table(table, 3, PadIndex::kOwnVertex), "");
   EXPECT_EQ(make_neighbour_table(lonely.adjacency(), PadIndex::kZero, Lanes::kWithNeighbours, *executor).lanes, 0u);
 }

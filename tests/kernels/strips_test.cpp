@@ -50,7 +50,7 @@ void strips_check(const TetMesh& mesh, double most_overhead) {
   size_t tets = 0, entries = 0;
   for (uint32_t v = 0; v < vertices; ++v) {
     StripTets wanted;
-    for (const knead::Neighbour& tet : around[v]) wanted.push_back({strips_turned(tet.indices), tet.value});
+    for (const knead::Neighbour& tet : around[v]) wanted.push_back({strips_turned(tet.indices), static_cast<float>(1 / (6 * double{tet.value}))});
     std::sort(wanted.begin(), wanted.end());
     ASSERT_EQ(strips_walked(strips[v]), wanted) << v;
     tets += wanted.size();

@@ -48,7 +48,8 @@ inline std::string wrong_tets(const TetBuild& build) {
     if (std::abs(volume_at_rest(mesh, mesh.tets.host()[t]) - v0) > 1e-6 * v0) return "V0 is not the volume at rest";
   }
   if (*std::min_element(valence.begin(), valence.end()) < 3) return "a vertex in fewer than three tets";
-  if (!std::is_sorted(valence.begin(), valence.end(), std::greater<>())) return "vertices are not sorted by valence";
+  for (size_t v = 1; v < valence.size(); ++v)
+    if (v % kSortWindow != 0 && valence[v] > valence[v - 1]) return "vertices are not sorted by valence";
   for (const TetCell& cell : build.cells) cells += std::pow(8.0, build.depth - cell.level);
   if (std::abs(cells - sum) > 1e-5 * cells) return "tets do not fill their cells: " + std::to_string(sum) + " of " + std::to_string(cells);
   const auto triangles = triangles_of(mesh);

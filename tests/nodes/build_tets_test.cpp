@@ -103,7 +103,7 @@ TEST(BuildTets, ParametersReachTheKernel) {
   const auto row_length = [&](const char* kind) {
     auto run = node({{"lattice", kind}});
     run.give("surface", sphere).at(1);
-    return run.result<Lattice>(1).map.rows;
+    return run.result<Lattice>(1).map.largest;
   };
   EXPECT_EQ(row_length("barycentric"), 4u);
   EXPECT_EQ(row_length("trilinear"), 8u);

@@ -158,5 +158,17 @@ TEST(Equilibrium, NamesASurfaceThatTheLatticeDoesNotBind) {
   EXPECT_THROW(evaluator.get<Surface>("press.surface", 2), Error);
 }
 
+// The one-node form is the same as its parts by hand.
+TEST(Equilibrium, IsOneNodeToo) {
+  GraphSpec graph = pressed();
+  graph.add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "press"}, {"sdf", "solid"}})
+      .add("whole", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}});
+  Evaluator evaluator(compile(graph));
+  const auto parts = evaluator.get<Surface>("exact.surface", 2), whole = evaluator.get<Surface>("whole.surface", 2);
+  EXPECT_EQ(std::memcmp(parts.points.host().data(), whole.points.host().data(), parts.points.bytes()), 0);
+  EXPECT_EQ(evaluator.get<Report>("whole.report", 2).word("ended"), "rest");
+  EXPECT_EQ(evaluator.get<Report>("whole.report", 2).number("vertices_inside"), 0);
+}
+
 }  // namespace equilibrium_test
 }  // namespace knead
