@@ -86,11 +86,12 @@ struct Weights {
   Buffer<float> values;
 };
 
-// Neighbours of every vertex, valence-sorted (paper Fig. 2). Lane t is vertex order[t]; lanes are sorted by valence, descending, within windows. Each block of
-// kLaneBlock lanes lies by itself: the first neighbours of its lanes side by side, then the second ones, up to its largest valence. Neighbour k of lane t is entry
-// block_offsets[t / kLaneBlock] + k * kLaneBlock + t % kLaneBlock. The paper has the k-th neighbours of all lanes side by side instead: the same entries, but
-// a pass then reads as many streams as the largest valence, which a CPU cannot prefetch (docs/benchmarks.md). Places without a neighbour are entries whose
-// contribution is exactly zero (`columns` index arrays of the lane's own vertex, `values` zero), so that a block of lanes needs no mask.
+// Neighbours of every vertex, valence-sorted (paper Fig. 2). Lane t is vertex order[t]; lanes are sorted by valence, descending, within windows. Each
+// block of kLaneBlock lanes lies by itself: the first neighbours of its lanes side by side, then the second ones, up to its largest valence. Neighbour k
+// of lane t is entry block_offsets[t / kLaneBlock] + k * kLaneBlock + t % kLaneBlock. The paper has the k-th neighbours of all lanes side by side
+// instead: the same entries, but a pass then reads as many streams as the largest valence, which a CPU cannot prefetch (docs/benchmarks.md). Places
+// without a neighbour are entries whose contribution is exactly zero (`columns` index arrays of the lane's own vertex, or of vertex 0 in maps, `values`
+// zero), so that a block of lanes needs no mask.
 struct NeighbourTable {
   static constexpr uint32_t kLaneBlock = 16;
   uint32_t lanes = 0;                  // vertices

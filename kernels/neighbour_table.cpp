@@ -21,7 +21,8 @@ std::vector<uint32_t> sorted_by_valence(std::span<const uint32_t> offsets, Lanes
   for (uint32_t v = 0; v + 1 < offsets.size(); ++v)
     if (lanes == Lanes::kAll || valence(v) > 0) order.push_back(v);
   for (size_t begin = 0; begin < order.size(); begin += kSortWindow)
-    std::stable_sort(order.begin() + static_cast<ptrdiff_t>(begin), order.begin() + static_cast<ptrdiff_t>(std::min(begin + kSortWindow, order.size())),
+    std::stable_sort(order.begin() + static_cast<ptrdiff_t>(begin),
+                     order.begin() + static_cast<ptrdiff_t>(std::min(begin + kSortWindow, order.size())),
                      [&](uint32_t a, uint32_t b) { return valence(a) > valence(b); });
   return order;
 }

@@ -1,5 +1,5 @@
-// The loop's kernels, other structures for its tables, and whole frames, beside what the machine can do and beside a plain reference, so that every figure
-// is a ratio of one run. tests/bench/run.sh runs it and prints the table. Options besides Google Benchmark's:
+// The loop's kernels, other structures for its tables, and whole frames, beside what the machine can do and beside a plain reference, so that every
+// figure is a ratio of one run. tests/bench/run.sh runs it and prints the table. Options besides Google Benchmark's:
 //   --device=cpu|serial       where the kernels run
 //   --sizes=5k,50k,500k,5M    of H, in tets; 5M takes minutes and 4 GB
 #include <benchmark/benchmark.h>
@@ -63,7 +63,9 @@ size_t bytes_of(const NeighbourTable& t) {
   return t.order.bytes() + t.valence.bytes() + t.block_offsets.bytes() + t.indices.bytes() + t.values.bytes();
 }
 // Of what a pass reads of the table: the valences only serve to build it.
-size_t bytes_read(const NeighbourTable& t) { return bytes_of(t) - t.valence.bytes(); }
+size_t bytes_read(const NeighbourTable& t) {
+  return bytes_of(t) - t.valence.bytes();
+}
 
 RestoreVolume volume_body(Executor& executor, const Body& body, Vec3f* to) {
   const RestoreVolumeSettings settings;
@@ -155,8 +157,9 @@ const std::vector<Kernel>& kernels() {
       {"map_to_surface", [](Executor& executor, const Body& b) { benchmark::DoNotOptimize(map_to_surface(executor, b.points.values, b.lattice)); },
        [](PlainLoop& plain, const auto&) { plain.map_to_surface(); },
        [](const Body& b) { return bytes_read(b.lattice.map) + 24 * b.bent.vertices() + 24 * b.tets.vertices(); }, nullptr},
-      {"hold", [](Executor& executor, const Body& b) { benchmark::DoNotOptimize(hold(executor, b.points.values, b.tets, nullptr, {.strength = 0.02})); }, nullptr,
-       [](const Body& b) { return (12 + 12 + 4 + 4 + 12 + 12 + 4 + 12) * b.tets.vertices(); }, nullptr},
+      {"hold",
+       [](Executor& executor, const Body& b) { benchmark::DoNotOptimize(hold(executor, b.points.values, b.tets, nullptr, {.strength = 0.02})); },
+       nullptr, [](const Body& b) { return (12 + 12 + 4 + 4 + 12 + 12 + 4 + 12) * b.tets.vertices(); }, nullptr},
   };
   return all;
 }
@@ -177,7 +180,8 @@ void check_plain(const Body& b) {
   const std::vector<PlainField> fields{PlainField(b.solid)};
   const double cell = b.tets.to_local.scale;
   const auto expect = [](double difference, double most, const char* what) {
-    if (!(difference <= most)) throw Error(ErrorCode::kInternal, std::string("the plain reference differs in ") + what + " by " + std::to_string(difference) + " cells");
+    if (!(difference <= most))
+      throw Error(ErrorCode::kInternal, std::string("the plain reference differs in ") + what + " by " + std::to_string(difference) + " cells");
   };
   plain.place(b.points.values);
   plain.map_to_surface();
@@ -207,12 +211,13 @@ void describe(benchmark::State& state, const Body& body) {
 void add_machine(const Setting& setting) {
   for (const int threads : setting.threads) {
     for (const size_t bytes : {size_t{1} << 18, size_t{1} << 21, size_t{1} << 24, size_t{1} << 27, size_t{1} << 29})
-      benchmark::RegisterBenchmark(("copy/" + std::to_string(2 * bytes) + "/threads:" + std::to_string(threads)).c_str(), [bytes, threads](benchmark::State& state) {
-        Copy copy(bytes);
-        Executor& executor = executor_of("cpu", threads);
-        for (auto _ : state) copy.run(executor);
-        state.counters["bytes"] = 2.0 * static_cast<double>(bytes);  // read and written
-      });
+      benchmark::RegisterBenchmark(("copy/" + std::to_string(2 * bytes) + "/threads:" + std::to_string(threads)).c_str(),
+                                   [bytes, threads](benchmark::State& state) {
+                                     Copy copy(bytes);
+                                     Executor& executor = executor_of("cpu", threads);
+                                     for (auto _ : state) copy.run(executor);
+                                     state.counters["bytes"] = 2.0 * static_cast<double>(bytes);  // read and written
+                                   });
     benchmark::RegisterBenchmark(("multiply_and_add/threads:" + std::to_string(threads)).c_str(), [threads](benchmark::State& state) {
       double operations = 0;
       for (auto _ : state) operations = multiply_and_add(executor_of("cpu", threads));
@@ -258,9 +263,10 @@ struct Layout {
   Order order;
   bool scalar;
 };
+// H is numbered along the Morton curve and by valence in windows, as the library's own tables are; by valence: over all of H at once.
 constexpr Layout kLayouts[] = {{"jagged", Structure::kJagged, Order::kByValence, false},
                                {"sliced_by_valence", Structure::kSliced, Order::kByValence, false},
-                               {"sliced_as_numbered", Structure::kSliced, Order::kAsNumbered, false},
+                               {"sliced_in_windows", Structure::kSliced, Order::kAsNumbered, false},
                                {"ell", Structure::kEll, Order::kByValence, false},
                                {"csr", Structure::kCsr, Order::kAsNumbered, true},
                                {"jagged_one_lane", Structure::kJagged, Order::kByValence, true}};
@@ -286,25 +292,26 @@ void add_structures(const Setting& setting, const Size& size) {
   for (const bool edges : {false, true})
     for (const Layout& layout : kLayouts)
       for (const int threads : setting.threads)
-        benchmark::RegisterBenchmark(
-            ("structure/" + std::string(edges ? "enforce_stiffness" : "restore_volume") + "/" + layout.name + "/" + size.name + "/threads:" + std::to_string(threads)).c_str(),
-            [edges, &layout, &size, &setting, threads](benchmark::State& state) {
-              Executor& executor = executor_of(setting.device, threads);
-              const Body& body = body_on(executor, size);
-              const TableData& table = table_of(executor, size, layout, edges);
-              Buffer<Vec3f> to(body.tets.vertices(), executor.memory());
-              Vec3f* moved = to.data_for_write();
-              for (auto _ : state) {
-                if (edges)
-                  run_stiffness(executor, stiffness_body(executor, body, moved), table, layout.scalar);
-                else
-                  run_volume(executor, volume_body(executor, body, moved), table, layout.scalar);
-                executor.synchronise();
-              }
-              describe(state, body);
-              state.counters["bytes"] = static_cast<double>(table.bytes() + 24 * body.tets.vertices());
-              state.counters["entries"] = static_cast<double>(table.values.size());
-            });
+        benchmark::RegisterBenchmark(("structure/" + std::string(edges ? "enforce_stiffness" : "restore_volume") + "/" + layout.name + "/" +
+                                      size.name + "/threads:" + std::to_string(threads))
+                                         .c_str(),
+                                     [edges, &layout, &size, &setting, threads](benchmark::State& state) {
+                                       Executor& executor = executor_of(setting.device, threads);
+                                       const Body& body = body_on(executor, size);
+                                       const TableData& table = table_of(executor, size, layout, edges);
+                                       Buffer<Vec3f> to(body.tets.vertices(), executor.memory());
+                                       Vec3f* moved = to.data_for_write();
+                                       for (auto _ : state) {
+                                         if (edges)
+                                           run_stiffness(executor, stiffness_body(executor, body, moved), table, layout.scalar);
+                                         else
+                                           run_volume(executor, volume_body(executor, body, moved), table, layout.scalar);
+                                         executor.synchronise();
+                                       }
+                                       describe(state, body);
+                                       state.counters["bytes"] = static_cast<double>(table.bytes() + 24 * body.tets.vertices());
+                                       state.counters["entries"] = static_cast<double>(table.values.size());
+                                     });
 }
 
 // An example, and the same loop for the plain reference.
@@ -325,9 +332,30 @@ const std::vector<Example>& examples() {
   const auto endless = [](const std::string& loop) {
     return std::vector<std::pair<std::string, Literal>>{{loop + ".max_iterations", kIterations}, {loop + ".min_iterations", kIterations}};
   };
-  static const std::vector<Example> all{
-      {"head", "head/head.yaml", endless("soft.press"), parse_frames("21-44"), "soft.surface", "soft.tets", "soft.lattice", {"solid"}, 2, 0.03, 0.15, 0.5},
-      {"crush", "crush/crush.yaml", endless("press"), parse_frames("2-12"), "exact.surface", "tets.tets", "tets.lattice", {"upper_sdf", "lower_sdf"}, 6, 0.05, 0.2, 0.1}};
+  static const std::vector<Example> all{{"head",
+                                         "head/head.yaml",
+                                         endless("soft.press"),
+                                         parse_frames("21-44"),
+                                         "soft.surface",
+                                         "soft.tets",
+                                         "soft.lattice",
+                                         {"solid"},
+                                         2,
+                                         0.03,
+                                         0.15,
+                                         0.5},
+                                        {"crush",
+                                         "crush/crush.yaml",
+                                         endless("press"),
+                                         parse_frames("2-12"),
+                                         "exact.surface",
+                                         "tets.tets",
+                                         "tets.lattice",
+                                         {"upper_sdf", "lower_sdf"},
+                                         6,
+                                         0.05,
+                                         0.2,
+                                         0.1}};
   return all;
 }
 
@@ -368,7 +396,8 @@ void run_plain_frame(benchmark::State& state, const Example& example) {
     for (int round = 0; round < kIterations; ++round) {
       loop.collide(colliders);
       loop.map_to_tets(example.lift_step);
-      for (int sweep = 0; sweep < example.sweeps; ++sweep) loop.restore_volume(sweep_relaxation(0.4, sweep, example.sweeps), example.regularisation, 0.5);
+      for (int sweep = 0; sweep < example.sweeps; ++sweep)
+        loop.restore_volume(sweep_relaxation(0.4, sweep, example.sweeps), example.regularisation, 0.5);
       loop.enforce_stiffness(example.stiffness, 0.5);
       loop.map_to_surface();
     }
@@ -381,9 +410,11 @@ void run_plain_frame(benchmark::State& state, const Example& example) {
 void add_frames(const Setting& setting) {
   for (const Example& example : examples()) {
     for (const int threads : setting.threads)
-      benchmark::RegisterBenchmark(("frames/" + std::string(example.name) + "/threads:" + std::to_string(threads)).c_str(),
-                                   [&example, &setting, threads](benchmark::State& state) { run_frames(state, example, executor_of(setting.device, threads)); });
-    benchmark::RegisterBenchmark(("plain/frames/" + std::string(example.name)).c_str(), [&example](benchmark::State& state) { run_plain_frame(state, example); });
+      benchmark::RegisterBenchmark(
+          ("frames/" + std::string(example.name) + "/threads:" + std::to_string(threads)).c_str(),
+          [&example, &setting, threads](benchmark::State& state) { run_frames(state, example, executor_of(setting.device, threads)); });
+    benchmark::RegisterBenchmark(("plain/frames/" + std::string(example.name)).c_str(),
+                                 [&example](benchmark::State& state) { run_plain_frame(state, example); });
   }
 }
 
@@ -392,9 +423,11 @@ void add_memory(const Size& size) {
   benchmark::RegisterBenchmark(("memory/" + std::string(size.name)).c_str(), [&size](benchmark::State& state) {
     const Body& b = host_body(size);
     for (auto _ : state) benchmark::DoNotOptimize(&b);
-    const size_t in_h = bytes_read(b.tets.vertex_strips) + bytes_read(b.tets.vertex_edges) + b.tets.vertex_tets.order.bytes() + b.tets.lane_volumes.bytes() + b.tets.rest.bytes();
+    const size_t in_h = bytes_read(b.tets.vertex_strips) + bytes_read(b.tets.vertex_edges) + b.tets.vertex_tets.order.bytes() +
+                        b.tets.lane_volumes.bytes() + b.tets.rest.bytes();
     const size_t in_maps = bytes_read(b.lattice.map) + bytes_read(b.lattice.gather) + b.lattice.rest.points.bytes();
-    const size_t moving = 3 * 12 * b.tets.vertices() + (3 * 12 + 2 * 4) * b.bent.vertices();  // most that lives at once: points of H, of M, pushes, memories
+    const size_t moving =
+        3 * 12 * b.tets.vertices() + (3 * 12 + 2 * 4) * b.bent.vertices();  // most that lives at once: points of H, of M, pushes, memories
     size_t kept = 0;
     TetMesh tets = b.tets;
     Lattice lattice = b.lattice;
@@ -440,7 +473,8 @@ Setting read_setting(int& count, char** arguments) {
 int main_of(int count, char** arguments) {
   static const Setting setting = read_setting(count, arguments);
   benchmark::AddCustomContext("processor", processor_name());
-  if (const char* command = std::getenv("KNEAD_BENCH_COMMAND")) benchmark::AddCustomContext("command", command);  // --benchmark_context takes no second '='
+  if (const char* command = std::getenv("KNEAD_BENCH_COMMAND"))
+    benchmark::AddCustomContext("command", command);  // --benchmark_context takes no second '='
   benchmark::AddCustomContext("device", setting.device);
   benchmark::AddCustomContext("threads", std::to_string(setting.threads.back()));
   benchmark::AddCustomContext("simd", name_of(simd_level(executor_of(setting.device, 1))));

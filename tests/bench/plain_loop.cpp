@@ -46,7 +46,8 @@ PlainField::PlainField(const Sdf& sdf) {
   for (int i = 0; i < size[0]; ++i)
     for (int j = 0; j < size[1]; ++j)
       for (int k = 0; k < size[2]; ++k)
-        values.push_back(sdf.placement.scale * static_cast<double>(sampler.value({static_cast<float>(i + first[0]), static_cast<float>(j + first[1]), static_cast<float>(k + first[2])})));
+        values.push_back(sdf.placement.scale * static_cast<double>(sampler.value({static_cast<float>(i + first[0]), static_cast<float>(j + first[1]),
+                                                                                  static_cast<float>(k + first[2])})));
 }
 
 double PlainField::value(const Vector3d& p) const {

@@ -1,5 +1,6 @@
-// The paper's loop as one would write it down first: adjacency in vectors of vectors, double, Eigen for the 3x3 least squares, a dense grid of distances, one
-// thread, no layout. The formulas are the kernels' own (restore_volume.h, enforce_stiffness.h, lattice_map.h, method of collide_sdf), so that results agree.
+// The paper's loop as one would write it down first: adjacency in vectors of vectors, double, Eigen for the 3x3 least squares, a dense grid of
+// distances, one thread, no layout. The formulas are the kernels' own (restore_volume.h, enforce_stiffness.h, lattice_map.h, method of collide_sdf),
+// so that results agree.
 #pragma once
 #include <Eigen/Core>
 #include <array>

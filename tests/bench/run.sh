@@ -4,6 +4,7 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/../../examples/setup.sh"
 
+command -v python3 >/dev/null || { echo "The table is made by python3, which is not there." >&2; exit 1; }
 knead_packages
 knead_build release loop_bench
 

@@ -52,7 +52,7 @@ class Machine:
 
 def kernels(best, machine):
     rows, before = [], {}
-    for name, run in best.items():
+    for name, run in sorted(best.items(), key=lambda item: item[1].get("tets", 0)):
         kind, kernel, *rest = name.split("/")
         if kind != "kernel":
             continue
@@ -73,22 +73,28 @@ def kernels(best, machine):
 
 
 def structures(best):
-    rows = []
+    """Times over the jagged table's, a column for each size."""
+    found = {}
     for name, run in best.items():
-        kind, kernel, *rest = name.split("/")
-        if kind != "structure":
-            continue
-        layout, size, threads = rest
-        jagged = best.get(f"structure/{kernel}/jagged/{size}/{threads}")
-        rows.append([kernel, f"{run['tets']:,.0f}", threads.split(":")[1], layout, show_time(run["time"]), f"{run['bytes'] / 1e6:.2f}",
-                     f"{run['time'] / jagged['time']:.2f}" if jagged else "-"])
-    rows.sort(key=lambda row: (row[0], int(row[1].replace(",", "")), row[2]))
-    table(["kernel", "tets", "threads", "structure", "time", "MB to move", "of jagged"], rows)
+        if name.startswith("structure/"):
+            _, kernel, layout, size, threads = name.split("/")
+            found.setdefault((kernel, threads), {}).setdefault(size, {})[layout] = run
+    layouts = ["jagged", "sliced_by_valence", "sliced_in_windows", "ell", "csr", "jagged_one_lane"]
+    for (kernel, threads), sizes in sorted(found.items()):
+        columns = sorted(sizes.values(), key=lambda runs: next(iter(runs.values()))["tets"])
+        rows = []
+        for layout in layouts:
+            cells = []
+            for runs in columns:
+                run, jagged = runs.get(layout), runs.get("jagged")
+                cells.append(f"{run['time'] / jagged['time']:.2f} ({show_time(run['time'])})" if run and jagged else "-")
+            rows.append([layout.replace("_", " ")] + cells)
+        table([f"{kernel}, {threads.replace(':', ' ')}"] + [f"{next(iter(runs.values()))['tets']:,.0f} tets" for runs in columns], rows)
 
 
 def frames(best):
     rows = []
-    for name, run in best.items():
+    for name, run in sorted(best.items()):
         if not name.startswith("frames/"):
             continue
         _, example, threads = name.split("/")
@@ -102,7 +108,7 @@ def frames(best):
 
 def memory(best):
     rows = []
-    for name, run in best.items():
+    for name, run in sorted(best.items(), key=lambda item: item[1].get("tets", 0)):
         if not name.startswith("memory/"):
             continue
         loop = run["bytes_of_h"] + run["bytes_of_maps"] + run["bytes_moving"]
@@ -118,9 +124,9 @@ def main():
     machine = Machine(best)
     print(f"{context['processor']}, {context['num_cpus']} cores, {context['simd']}, device {context['device']}, {context['date'][:10]}, commit "
           f"{context.get('commit', 'unknown')}: `{context.get('command', '')}`. Load average at the start: {context['load_avg'][0]:.2f}.\n")
-    rows = [[f"{size / 1e6:.1f} MB", threads.split(":")[1], f"{speed / 1e9:.1f}"] for threads, sizes in machine.copies.items() for size, speed in sorted(sizes)]
+    rows = [[f"{size / 1e6:.1f} MB", threads.split(":")[1], f"{speed / 1e9:.1f}"] for threads, sizes in sorted(machine.copies.items()) for size, speed in sorted(sizes)]
     table(["copy, bytes moved", "threads", "GB/s read and written"], rows)
-    table(["threads", "peak Gflop/s, multiply-add"], [[threads.split(":")[1], f"{speed / 1e9:.0f}"] for threads, speed in machine.peak.items()])
+    table(["threads", "peak Gflop/s, multiply-add"], [[threads.split(":")[1], f"{speed / 1e9:.0f}"] for threads, speed in sorted(machine.peak.items())])
     kernels(best, machine)
     structures(best)
     frames(best)

@@ -14,7 +14,8 @@ TableData restructured(const NeighbourTable& table, uint32_t vertices, Structure
   std::vector<uint32_t> sequence(vertices);
   std::iota(sequence.begin(), sequence.end(), 0u);
   const auto valence_of = [&](uint32_t v) { return table.valence.host()[lane_of[v]]; };
-  if (order == Order::kByValence) std::stable_sort(sequence.begin(), sequence.end(), [&](uint32_t a, uint32_t b) { return valence_of(a) > valence_of(b); });
+  if (order == Order::kByValence)
+    std::stable_sort(sequence.begin(), sequence.end(), [&](uint32_t a, uint32_t b) { return valence_of(a) > valence_of(b); });
   sequence.resize(padded, sequence.back());
 
   // Where entry k of lane t goes, and how many lanes have a k-th place.
