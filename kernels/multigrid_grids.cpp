@@ -159,11 +159,16 @@ SparseRows multiplied(Executor& executor, const SparseRows& a, std::span<const f
     }
   });
   SparseRows result;
+  size_t entries = 0;
+  for (const Piece& piece : pieces) entries += piece.index.size();
   result.offsets.reserve(size_t{rows} + 1);
-  for (const Piece& piece : pieces) {
+  result.index.reserve(entries);
+  result.value.reserve(entries);
+  for (Piece& piece : pieces) {
     for (const uint32_t length : piece.length) result.offsets.push_back(result.offsets.back() + length);
     result.index.insert(result.index.end(), piece.index.begin(), piece.index.end());
     result.value.insert(result.value.end(), piece.value.begin(), piece.value.end());
+    piece = {};
   }
   return result;
 }
