@@ -52,7 +52,8 @@ const Body& host_body(const Size& size) {
 std::unique_ptr<Executor> make_executor(const std::string& device, int threads) {
   if (device == "serial") return make_serial_executor();
   if (device == "cpu") return make_cpu_executor(threads);
-  throw Error(ErrorCode::kDevice, "the benchmarks know no device '" + device + "'", "serial or cpu");
+  if (device == "cuda") return make_cuda_executor();
+  throw Error(ErrorCode::kDevice, "the benchmarks know no device '" + device + "'", "serial, cpu or cuda");
 }
 
 }  // namespace knead::bench

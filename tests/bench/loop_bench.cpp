@@ -1,6 +1,6 @@
 // The loop's kernels, other structures for its tables, and whole frames, beside what the machine can do and beside a plain reference, so that every
 // figure is a ratio of one run. tests/bench/run.sh runs it and prints the table. Options besides Google Benchmark's:
-//   --device=cpu|serial       where the kernels run
+//   --device=cpu|serial|cuda  where the kernels run
 //   --sizes=5k,50k,500k,5M    of H, in tets; 5M takes minutes and 4 GB
 #include <benchmark/benchmark.h>
 
@@ -117,10 +117,12 @@ Buffer<Vec3f> push_out(Executor& executor, const Body& body) {
   input.points = body.bent.points.view(executor.device());
   input.placement = body.bent.placement;
   input.colliders = {&collider, 1};
-  input.most = 0.1 * body.bent.diagonal();
+  input.diagonal = body.bent.diagonal();
+  input.most = 0.1 * input.diagonal;
   Buffer<Vec3f> displacement(input.points.size(), executor.memory());
   Buffer<float> memory(input.points.size(), executor.memory());
-  collide_push(executor, input, displacement.data_for_write(), memory.data_for_write());
+  Buffer<ContactProgress> progress(1, executor.memory());
+  collide_push(executor, input, displacement.data_for_write(), memory.data_for_write(), progress.data_for_write());
   return displacement;
 }
 

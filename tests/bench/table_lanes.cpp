@@ -15,6 +15,7 @@ using Lanes = float;
 
 template <class Body>
 void run(Executor& executor, const Body& body, uint32_t lanes, bool scalar) {
+  if (executor.device() != Device{}) return executor.launch(body, lanes);
   executor.parallel_ranges(lanes, 512, [&](size_t begin, size_t end) {
     if (scalar)
       for (size_t t = begin; t < end; ++t) body.template lane<float>(static_cast<uint32_t>(t));
