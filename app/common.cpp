@@ -82,15 +82,15 @@ std::shared_ptr<const Plan> load_plan(const GraphArguments& arguments) {
 std::vector<ExecutorChoice> executor_choices() {
   const int threads = make_cpu_executor()->threads();
   const CudaDevices cuda = cuda_devices();
-  const std::string devices = fmt::format("{}", fmt::join(cuda.names, "; "));
-  return {{"cuda", cuda.names.empty() ? cuda.missing : devices, !cuda.names.empty()},
+  const bool present = !cuda.devices.empty();
+  return {{"cuda", present ? cuda.devices.front().name : cuda.missing, present},
           {"cpu", fmt::format("{} threads", threads), true},
           {"serial", "one thread, for finding faults", true}};
 }
 
 std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments) {
-  const bool cuda = arguments.device == "cuda" || arguments.device == "auto";
-  if (cuda && !cuda_devices().names.empty()) return make_cuda_executor();
+  if (arguments.device == "cuda" || arguments.device == "auto")
+    if (const CudaDevices cuda = cuda_devices(); !cuda.devices.empty()) return make_cuda_executor(cuda.devices.front().index);
   if (arguments.device == "auto" || arguments.device == "cpu") return make_cpu_executor(arguments.threads);
   if (arguments.device == "serial") return make_serial_executor();
   std::string why = "there is no such device", present;

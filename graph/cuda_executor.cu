@@ -1,7 +1,7 @@
 // The CUDA executor: the one file that talks to CUDA's runtime. Kernels and their launchers are in kernels/device_bodies.cu.
 //
-// Every thread that uses the device has a stream of its own, so that frames run side by side. Storage comes from a stream-ordered pool that keeps what it was
-// given back. What a node publishes is complete (the evaluator synchronises), so buffers need no events.
+// Every thread that uses the device has a stream of its own, so that frames run side by side. Storage comes from a stream-ordered pool that keeps
+// what it was given back. What a node publishes is complete (the evaluator synchronises), so buffers need no events.
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
@@ -29,9 +29,9 @@ namespace knead {
 namespace {
 
 constexpr int kLeastMajor = 7, kLeastMinor = 5;
-constexpr int kConditionalNodes = 12040;       // driver and toolkit from which a graph can loop by itself
+constexpr int kConditionalNodes = 12040;  // driver and toolkit from which a graph can loop by itself
 constexpr size_t kStagingBytes = size_t{1} << 20;
-constexpr int kRoundsPerBatch = 16;            // where it cannot: rounds between two looks at whether the loop has ended
+constexpr int kRoundsPerBatch = 16;  // where it cannot: rounds between two looks at whether the loop has ended
 
 #if CUDART_VERSION >= 12040
 #define KNEAD_CONDITIONAL_NODES 1
@@ -42,6 +42,10 @@ void check(cudaError_t status, const char* what) {
   cudaGetLastError();
   throw Error(ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status),
               "run the frame again with --device cpu; a device that has failed serves no further frames of this run");
+}
+
+bool is_new_enough(const cudaDeviceProp& properties) {
+  return properties.major > kLeastMajor || (properties.major == kLeastMajor && properties.minor >= kLeastMinor);
 }
 
 std::string in_gigabytes(size_t bytes) {
@@ -137,12 +141,14 @@ class CudaBackend final : public DeviceBackend {
     cudaDeviceProp properties;
     check(cudaGetDeviceProperties(&properties, index), "asking for the device's properties");
     description_ = properties.name;
-    if (properties.major < kLeastMajor || (properties.major == kLeastMajor && properties.minor < kLeastMinor))
-      throw Error(ErrorCode::kDevice, description_ + " has compute capability " + std::to_string(properties.major) + "." + std::to_string(properties.minor),
+    if (!is_new_enough(properties))
+      throw Error(ErrorCode::kDevice,
+                  description_ + " has compute capability " + std::to_string(properties.major) + "." + std::to_string(properties.minor),
                   "7.5 or later is needed");
     if (!properties.memoryPoolsSupported) throw Error(ErrorCode::kDevice, description_ + " has no memory pools", "update the driver");
     cudaFuncAttributes attributes;
-    check(cudaFuncGetAttributes(&attributes, run_body<LoopBegin>), "looking for code for this device: is its architecture in CMAKE_CUDA_ARCHITECTURES?");
+    check(cudaFuncGetAttributes(&attributes, run_body<LoopBegin>),
+          "looking for code for this device: is its architecture in CMAKE_CUDA_ARCHITECTURES?");
     int driver = 0;
     check(cudaDriverGetVersion(&driver), "asking for the driver's version");
     conditional_ = graph_loops && driver >= kConditionalNodes;
@@ -238,8 +244,8 @@ class CudaBackend final : public DeviceBackend {
 
 // Loops that are alike, on their way through the device: what their kernels read lies side by side in one piece of device memory.
 //
-// With a driver that can, one round is the body of a graph that repeats by itself while any of the loops goes on. With an older one it is a graph that is launched
-// in batches until the device says that all have ended: rounds after the end come to nothing (graph/loop.h).
+// With a driver that can, one round is the body of a graph that repeats by itself while any of the loops goes on. With an older one it is a graph
+// that is launched in batches until the device says that all have ended: rounds after the end come to nothing (graph/loop.h).
 class LoopsOnDevice {
  public:
   LoopsOnDevice(CudaBackend& device, Lane& lane, const std::vector<const RecordedLoop*>& loops, bool repeats)
@@ -259,7 +265,8 @@ class LoopsOnDevice {
     };
     if (frames > 1) {
       for (size_t s = 0; s < first.steps.size(); ++s)
-        steps_.push_back(side_by_side(first.steps[s].kernel->body_bytes, [&](const RecordedLoop& loop) { return static_cast<const void*>(loop.steps[s].body.data()); }));
+        steps_.push_back(side_by_side(first.steps[s].kernel->body_bytes,
+                                      [&](const RecordedLoop& loop) { return static_cast<const void*>(loop.steps[s].body.data()); }));
       commit_ = side_by_side(sizeof(LoopCommit), [](const RecordedLoop& loop) { return static_cast<const void*>(&loop.commit); });
     }
     ends_ = side_by_side(sizeof(LoopEnd), [](const RecordedLoop& loop) { return static_cast<const void*>(&loop.end); });
@@ -273,7 +280,9 @@ class LoopsOnDevice {
     always_ = flags();
     any_ = room(sizeof(uint32_t));
     storage_ = static_cast<char*>(device.allocate(bytes.size()));
-    if (!storage_) throw Error(ErrorCode::kMemory, "out of memory on " + device.device().text() + " for a loop: " + device.free_memory(), "run fewer frames at once");
+    if (!storage_)
+      throw Error(ErrorCode::kMemory, "out of memory on " + device.device().text() + " for a loop: " + device.free_memory(),
+                  "run fewer frames at once");
     lane.copy_here(bytes.data(), storage_, bytes.size());
   }
   LoopsOnDevice(const LoopsOnDevice&) = delete;
@@ -352,7 +361,8 @@ class LoopsOnDevice {
 #else
       check(cudaGraphAddNode(&node, graph_, nullptr, 0, &loop), "making a loop");
 #endif
-      check(cudaStreamBeginCaptureToGraph(capturing_, loop.conditional.phGraph_out[0], nullptr, nullptr, 0, cudaStreamCaptureModeRelaxed), "recording a loop");
+      check(cudaStreamBeginCaptureToGraph(capturing_, loop.conditional.phGraph_out[0], nullptr, nullptr, 0, cudaStreamCaptureModeRelaxed),
+            "recording a loop");
     } else
 #endif
       check(cudaStreamBeginCapture(capturing_, cudaStreamCaptureModeRelaxed), "recording a loop");
@@ -438,9 +448,14 @@ CudaDevices cuda_devices() {
   for (int index = 0; index < count; ++index) {
     cudaDeviceProp properties;
     if (cudaGetDeviceProperties(&properties, index) != cudaSuccess) continue;
-    found.names.push_back(std::string(properties.name) + ", " + in_gigabytes(properties.totalGlobalMem) + ", compute capability " +
-                          std::to_string(properties.major) + "." + std::to_string(properties.minor));
+    const std::string name = std::string(properties.name) + ", " + in_gigabytes(properties.totalGlobalMem) + ", compute capability " +
+                             std::to_string(properties.major) + "." + std::to_string(properties.minor);
+    if (is_new_enough(properties))
+      found.devices.push_back({index, name});
+    else
+      found.missing = name + "; 7.5 or later is needed";
   }
+  if (!found.devices.empty()) found.missing.clear();
   return found;
 }
 

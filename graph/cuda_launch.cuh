@@ -29,7 +29,8 @@ CudaCode code_of_body() {
             run_body<Body><<<blocks_for(n), kCudaBlock, 0, static_cast<cudaStream_t>(stream)>>>(*static_cast<const Body*>(body), n);
           },
           [](const void* bodies, const uint32_t* running, uint32_t frames, uint32_t n, void* stream) {
-            run_bodies<Body><<<dim3(blocks_for(n), frames), kCudaBlock, 0, static_cast<cudaStream_t>(stream)>>>(static_cast<const Body*>(bodies), running, n);
+            run_bodies<Body>
+                <<<dim3(blocks_for(n), frames), kCudaBlock, 0, static_cast<cudaStream_t>(stream)>>>(static_cast<const Body*>(bodies), running, n);
           }};
 }
 

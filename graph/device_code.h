@@ -7,8 +7,8 @@
 //     KNEAD_HD void operator()(uint32_t i) const { values[i] *= by; }
 //   };
 //
-// Executors of devices launch it by its type: kernel_of<Scale>() holds the code for the host, which a fake device runs, and for CUDA, which a .cu file
-// instantiates. No header of CUDA is needed here.
+// Executors of devices launch it by its type: kernel_of<Scale>() holds the code for the host, which a fake device runs, and for CUDA, which a .cu
+// file instantiates. No header of CUDA is needed here.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -23,10 +23,12 @@
 namespace knead {
 
 template <class Body>
-concept DeviceBody = requires { Body::kKernel; };
+concept DeviceBody = requires {
+  Body::kKernel;
+};
 
-// How CUDA runs a body over [0, n): alone, or those of several frames at once, which lie side by side in device memory; frames that are not `running` are left
-// out. Null in a build without CUDA.
+// How CUDA runs a body over [0, n): alone, or those of several frames at once, which lie side by side in device memory; frames that are not `running`
+// are left out. Null in a build without CUDA.
 struct CudaCode {
   void (*one)(const void* body, uint32_t n, void* stream) = nullptr;
   void (*many)(const void* bodies, const uint32_t* running, uint32_t frames, uint32_t n, void* stream) = nullptr;

@@ -20,8 +20,7 @@ bool RecordedLoop::is_like(const RecordedLoop& other) const {
 // The executor of a round that is recorded.
 class DeviceLoopRecorder final : public LoopRecorder {
  public:
-  explicit DeviceLoopRecorder(DeviceExecutor& executor)
-      : executor_(executor), memory_(executor.memory()) {}
+  explicit DeviceLoopRecorder(DeviceExecutor& executor) : executor_(executor), memory_(executor.memory()) {}
 
   const char* name() const override { return executor_.name(); }
   Device device() const override { return executor_.device(); }
@@ -108,7 +107,11 @@ void DeviceExecutor::run(const RecordedLoop& loop) {
     const std::vector<Waiting*> all = waiting_;
     for (Waiting* one : all) one->taken = true;
     lock.unlock();
-    run_together(all);
+    try {
+      run_together(all);
+    } catch (...) {
+      for (Waiting* one : all) one->error = std::current_exception();
+    }
     lock.lock();
     leading_ = false;
     std::erase_if(waiting_, [](const Waiting* one) { return one->taken; });

@@ -1,5 +1,5 @@
-// Internal: what executors of devices have in common: counting, errors, and loops that stay on the device. What differs is a DeviceBackend: CUDA's, and in
-// tests one that is host memory which the host may not touch.
+// Internal: what executors of devices have in common: counting, errors, and loops that stay on the device. What differs is a DeviceBackend: CUDA's,
+// and in tests one that is host memory which the host may not touch.
 #pragma once
 #include <atomic>
 #include <condition_variable>
@@ -50,7 +50,7 @@ class DeviceBackend {
 
 struct DeviceFigures {
   uint64_t allocations = 0, copies = 0, copied_bytes = 0, launches = 0, loops = 0, recorded = 0;
-  uint64_t joined = 0;            // loops that were run together with others
+  uint64_t joined = 0;               // loops that were run together with others
   size_t bytes = 0, most_bytes = 0;  // allocated now, and at most
 };
 

@@ -228,8 +228,8 @@ Value Evaluator::Impl::brought(const Value& value, Device there) {
   return value.type()->with_buffers(value, [&](const Buffer<std::byte>& buffer) { return brought(buffer, there); });
 }
 
-// The cache keeps the copy under the buffer's own id, so that all readers of it share one: in all frames, and in values that are new in every frame but hold
-// it, such as a field that moves with its collider.
+// The cache keeps the copy under the buffer's own id, so that all readers of it share one: in all frames, and in values that are new in every frame
+// but hold it, such as a field that moves with its collider.
 Buffer<std::byte> Evaluator::Impl::brought(const Buffer<std::byte>& buffer, Device there) {
   if (buffer.device() == there) return buffer;
   const Key key = Hasher().add("copy").add(there.kind).add(there.index).add(buffer.id()).key();
@@ -382,7 +382,8 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
 
 namespace {
 
-// Lanes on threads of their own, which may wait for each other at the device: a thread of the host executor's must not, for the others would wait for it.
+// Lanes on threads of their own, which may wait for each other at the device: a thread of the host executor's must not, for the others would wait for
+// it.
 void run_on_threads(Executor& device, size_t lanes, FunctionRef<void()> lane) {
   std::mutex mutex;
   std::exception_ptr error;

@@ -2,7 +2,8 @@
 //
 // Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the
 // cache lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one
-// that runs on the host gets them back; both are counted by buffer, and a copy is made once for all its readers. A node that fails stops only what needs it.
+// that runs on the host gets them back; both are counted by buffer, and a copy is made once for all its readers. A node that fails stops only what
+// needs it.
 #pragma once
 #include <functional>
 #include <map>
@@ -60,7 +61,7 @@ class Evaluator {
   // of the caller (an unknown reference); what goes wrong in the frame comes back in `error`.
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
-  // Many frames, as many at once as there are threads; those that find too little memory so are tried again alone. What does not depend on the frame
+  // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does not depend on the frame
   // is computed first, once. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the
   // others; cancellation does: frames not finished are not reported.
   void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,

@@ -55,8 +55,8 @@ class Executor {
     if (n > 0) launch(kernel_of<Body>(), &body, static_cast<uint32_t>(n));
   }
 
-  // How many frames it likes to be given at once, each by a thread of its own, so that it can run their loops as one; 1: no more than there are threads. Such
-  // a thread says when it begins and when it has no further frame.
+  // How many frames it likes to be given at once, each by a thread of its own, so that it can run their loops as one; 1: no more than there are
+  // threads. Such a thread says when it begins and when it has no further frame.
   virtual int frames_at_once() const { return 1; }
   virtual void begin_frames() {}
   virtual void end_frames() {}
@@ -71,13 +71,17 @@ std::unique_ptr<Executor> make_serial_executor();
 // TBB in an arena of its own with `threads` threads (0, or more than the machine has: all of them), isolated from the host application's tasks.
 std::unique_ptr<Executor> make_cpu_executor(int threads = 0);
 
-// A CUDA device, with a stream for every thread that uses it. Throws Error(kDevice) that says what is missing. `graph_loops`: loops run as one graph that
-// repeats by itself where the driver can, else in batches of rounds.
+// A CUDA device, with a stream for every thread that uses it. Throws Error(kDevice) that says what is missing. `graph_loops`: loops run as one graph
+// that repeats by itself where the driver can, else in batches of rounds.
 std::unique_ptr<Executor> make_cuda_executor(int index = 0, bool graph_loops = true);
 
 struct CudaDevices {
-  std::vector<std::string> names;  // by index, with memory and architecture
-  std::string missing;             // why there is none
+  struct Device {
+    int index;
+    std::string name;  // with memory and architecture
+  };
+  std::vector<Device> devices;  // that can be used
+  std::string missing;          // why there is none
 };
 CudaDevices cuda_devices();
 

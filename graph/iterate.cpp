@@ -39,7 +39,10 @@ class BodyContext final : public RoundContext {
   bool checked() const override { return outer_.checked(); }
   bool cancelled() const override { return outer_.cancelled(); }
   void warn(const std::string& message) override { outer_.warn(message); }
-  Value once(const Key& key, FunctionRef<Value()> make) override { return outer_.once(Hasher().add(plan_node().static_key).add(key).key(), make); }
+  Value once(const Key& key, FunctionRef<Value()> make) override {
+    if (recorder_) recorder_->give_up("a part that frames share");  // it would outlive the recording
+    return outer_.once(Hasher().add(plan_node().static_key).add(key).key(), make);
+  }
   void add_time(const std::string& part, double seconds) override { outer_.add_time(part, seconds); }
   Buffer<std::byte> host_copy(const Buffer<std::byte>& buffer) override {
     if (recorder_) recorder_->give_up("a transfer");
@@ -203,9 +206,10 @@ void Iterate::evaluate(Context& context) const {
   context.set_output(static_cast<int>(states_.size()), Value::of(std::move(report)));
 }
 
-// Makes the rounds after the first on the device, if the device can and nothing in the body needs the host. `round` and `next` are as the first round left
-// them, not yet counted; where this is true the states are in round.externals and `progress` says how the loop ended.
-bool Iterate::stay_on_device(Context& context, Round& round, const std::vector<Value>& next, std::vector<double>& seconds, LoopProgress& progress) const {
+// Makes the rounds after the first on the device, if the device can and nothing in the body needs the host. `round` and `next` are as the first round
+// left them, not yet counted; where this is true the states are in round.externals and `progress` says how the loop ended.
+bool Iterate::stay_on_device(Context& context, Round& round, const std::vector<Value>& next, std::vector<double>& seconds,
+                             LoopProgress& progress) const {
   Executor& executor = context.executor();
   const std::unique_ptr<LoopRecorder> recorder = executor.record_loop();
   if (!recorder) return false;

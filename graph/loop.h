@@ -1,6 +1,6 @@
-// A loop that stays on its device. `iterate` runs a first round from the host, which gives its state storage of its own. It then records one round that
-// reads this storage, and adds the two steps that close a round: `LoopEnd` decides, on the device, whether the loop goes on, and `LoopCommit` writes the next
-// state over the state. What is recorded runs round after round, without the host, a transfer or an allocation.
+// A loop that stays on its device. `iterate` runs a first round from the host, which gives its state storage of its own. It then records one round
+// that reads this storage, and adds the two steps that close a round: `LoopEnd` decides, on the device, whether the loop goes on, and `LoopCommit`
+// writes the next state over the state. What is recorded runs round after round, without the host, a transfer or an allocation.
 #pragma once
 #include <cstdint>
 #include <map>
@@ -18,8 +18,8 @@ struct LoopProgress {
   int32_t left = 0;        // rounds until the host is asked again
   int32_t going = 1;       // another round is to be made
   int32_t at_rest = 0;
-  int32_t broken = -1;     // the state that is no longer a number
-  int32_t counted = 0;     // the round just made counts: rounds after the end are made by devices that cannot stop by themselves, and come to nothing
+  int32_t broken = -1;  // the state that is no longer a number
+  int32_t counted = 0;  // the round just made counts: rounds after the end are made by devices that cannot stop by themselves, and come to nothing
 };
 
 struct LoopBegin {
@@ -100,8 +100,8 @@ inline size_t words_of(size_t bytes) {
   return (bytes + 3) / 4;
 }
 
-// The executor of the round that is recorded. Its memory is its own until it is destroyed, so that what one node frees serves the next node of the round and
-// nobody else; nothing that lives there may outlive it.
+// The executor of the round that is recorded. Its memory is its own until it is destroyed, so that what one node frees serves the next node of the
+// round and nobody else; nothing that lives there may outlive it.
 class LoopRecorder : public Executor {
  public:
   // Runs what was recorded until `end` says so, or `rounds` are made. `words`: of the longest range.

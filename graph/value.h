@@ -4,6 +4,7 @@
 //   static constexpr const char* name;                              "Surface"
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
 //   and optionally
+//   template <class F> static void each_device_buffer(T& v, F&& f);  of these, the ones that nodes on devices read; the others stay on the host
 //   static void hash(const T&, Hasher&)                              what the buffers do not hold, for checked mode's comparisons
 //   static Buffer<double> unrest(const T& before, const T& after, Executor&)
 //                                                                   how far from rest a loop's state is, over its own size, as one number on the
@@ -28,8 +29,8 @@ class Value;
 struct PortType {
   const char* name;
   size_t (*bytes)(const Value&);                                         // of all its buffers
-  bool (*on_device)(const Value&, Device);                               // every buffer lives there
-  Value (*with_buffers)(const Value&, FunctionRef<Buffer<std::byte>(const Buffer<std::byte>&)>);  // a copy with its buffers replaced
+  bool (*on_device)(const Value&, Device);                               // every buffer that devices read lives there
+  Value (*with_buffers)(const Value&, FunctionRef<Buffer<std::byte>(const Buffer<std::byte>&)>);  // a copy with these replaced
   Key (*content)(const Value&);                                          // hash of all host buffers and of PortTraits<T>::hash; checked mode
   Buffer<double> (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
 };
@@ -111,6 +112,16 @@ const T& Value::as() const {
   return *value;
 }
 
+namespace detail {
+template <class T, class F>
+void each_device_buffer(T& value, F&& f) {
+  if constexpr (requires { PortTraits<T>::each_device_buffer(value, f); })
+    PortTraits<T>::each_device_buffer(value, f);
+  else
+    PortTraits<T>::each_buffer(value, f);
+}
+}  // namespace detail
+
 template <class T>
 const PortType& port_type() {
   static const PortType type = [] {
@@ -123,12 +134,12 @@ const PortType& port_type() {
     };
     t.on_device = [](const Value& value, Device device) {
       bool all = true;
-      PortTraits<T>::each_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) { all = all && (!buffer || buffer.device() == device); });
+      detail::each_device_buffer(const_cast<T&>(value.as<T>()), [&](auto& buffer) { all = all && (!buffer || buffer.device() == device); });
       return all;
     };
     t.with_buffers = [](const Value& value, FunctionRef<Buffer<std::byte>(const Buffer<std::byte>&)> replace) {
       T copy = value.as<T>();
-      PortTraits<T>::each_buffer(copy, [&]<class U>(Buffer<U>& buffer) {
+      detail::each_device_buffer(copy, [&]<class U>(Buffer<U>& buffer) {
         if (buffer) buffer = replace(buffer.template as<std::byte>()).template as<U>();
       });
       return Value::of<T>(std::move(copy));

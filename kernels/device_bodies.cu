@@ -1,5 +1,5 @@
-// Every body that devices run, as CUDA kernels. Reductions take two: blocks of indices, whose number and order depend on n alone, then one block over what
-// they found. The tree inside a block is fixed too, so that a device gives the same bits every time.
+// Every body that devices run, as CUDA kernels. Reductions take two: blocks of indices, whose number and order depend on n alone, then one block over
+// what they found. The tree inside a block is fixed too, so that a device gives the same bits every time.
 #include "graph/cuda_launch.cuh"
 #include "kernels/device_bodies.h"
 
@@ -102,15 +102,15 @@ CudaCode code_of_reduction() {
 
 }  // namespace
 
-#define KNEAD_BODY(Body)          \
-  template <>                     \
-  CudaCode cuda_code<Body>() {    \
-    return code_of_body<Body>();  \
+#define KNEAD_BODY(Body)         \
+  template <>                    \
+  CudaCode cuda_code<Body>() {   \
+    return code_of_body<Body>(); \
   }
-#define KNEAD_REDUCTION(Body)              \
-  template <>                              \
-  CudaCode cuda_code<Reduction<Body>>() {  \
-    return code_of_reduction<Body>();      \
+#define KNEAD_REDUCTION(Body)             \
+  template <>                             \
+  CudaCode cuda_code<Reduction<Body>>() { \
+    return code_of_reduction<Body>();     \
   }
 #include "kernels/device_bodies.inl"
 

@@ -88,6 +88,7 @@ Executor& stand_in();
 
 template <class Body>
 const Kernel& kernel_of_reduction() {
+  static_assert(std::is_trivially_copyable_v<Reduction<Body>> && sizeof(Reduction<Body>) <= 4000);
   static const Kernel kernel{Body::kKernel, sizeof(Reduction<Body>),
                              [](const void* body, uint32_t n) { reduce_on_host(stand_in(), n, static_cast<const Reduction<Body>*>(body)->body); },
                              cuda_code<Reduction<Body>>()};

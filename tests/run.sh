@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Sets up, builds and runs every test, then the quick ones again under AddressSanitizer and UndefinedBehaviorSanitizer. The last line sums up.
+# Where nvcc is found, the CUDA code is built too, for every architecture; tests that need a device are skipped without one, or fail if KNEAD_REQUIRE_CUDA=1.
 # Tests that are not quick carry the label `slow`. Options are passed on to ctest (-R NAME, --verbose).
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/../examples/setup.sh"

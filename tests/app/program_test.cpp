@@ -144,7 +144,7 @@ TEST_F(Program, EndsWithThreeForUsage) {
 }
 
 TEST_F(Program, ADeviceThatIsNotThereIsAnErrorThatSaysWhatIsMissing) {
-  if (!cuda_devices().names.empty()) GTEST_SKIP() << "this machine has a CUDA device";
+  if (!cuda_devices().devices.empty()) GTEST_SKIP() << "this machine has a CUDA device";
   const Ended ended = knead({"run", put("g.yaml", kMoving), "--device", "cuda"});
   EXPECT_EQ(ended.status, 3);
   EXPECT_THAT(ended.err, HasSubstr("--device cuda is not here: " + cuda_devices().missing + "; there are cpu, serial"));

@@ -56,15 +56,16 @@ Ran run_on_host(const std::string& nodes) {
 }
 
 // x goes from 0 to 8 by halves, through two nodes that both run on any device.
-std::string relaxing(const std::string& parameters, const std::string& body = "r: {type: relax, x: state.x, target: t}, d: {type: device_add, in: r, offset: 0}") {
-  return "  v: {type: value, value: 0, size: 5}\n  t: {type: value, value: 8}\n  l: {type: iterate, " + parameters +
-         ", state: {x: v}, body: {" + body + "}, next: {x: d}}";
+std::string relaxing(const std::string& parameters,
+                     const std::string& body = "r: {type: relax, x: state.x, target: t}, d: {type: device_add, in: r, offset: 0}") {
+  return "  v: {type: value, value: 0, size: 5}\n  t: {type: value, value: 8}\n  l: {type: iterate, " + parameters + ", state: {x: v}, body: {" +
+         body + "}, next: {x: d}}";
 }
 
 TEST(DeviceLoop, EndsAsOnTheHost) {
   for (const char* parameters :
-       {"threshold: 0.1", "threshold: 0, max_iterations: 9", "threshold: 100", "threshold: 100, min_iterations: 4", "max_iterations: 0", "max_iterations: 1",
-        "max_iterations: 2, threshold: 0", "threshold: 0, min_iterations: 700, max_iterations: 700"})
+       {"threshold: 0.1", "threshold: 0, max_iterations: 9", "threshold: 100", "threshold: 100, min_iterations: 4", "max_iterations: 0",
+        "max_iterations: 1", "max_iterations: 2, threshold: 0", "threshold: 0, min_iterations: 700, max_iterations: 700"})
     for (const int batch : {0, 1, 4}) {
       const Ran here = run_on_host(relaxing(parameters)), there = run_on_fake(relaxing(parameters), batch);
       EXPECT_TRUE(here.error.empty()) << here.error;
@@ -82,7 +83,7 @@ TEST(DeviceLoop, TransfersAllocatesAndLaunchesNothingFromRoundToRound) {
   EXPECT_EQ(few.figures.launches, many.figures.launches);
   EXPECT_EQ(few.figures.recorded, many.figures.recorded);
   EXPECT_EQ(many.figures.loops, 1u);
-  EXPECT_EQ(many.transfers, 3u);         // v and t there, x back
+  EXPECT_EQ(many.transfers, 3u);           // v and t there, x back
   EXPECT_EQ(many.figures.copies, 3u + 1);  // and how the loop ended
 }
 
@@ -103,9 +104,7 @@ TEST(DeviceLoop, RoundsAfterTheEndComeToNothing) {
 // What a node of the loop does on the host is caught, and the loop is run from there: slower, and right.
 TEST(DeviceLoop, ANodeThatLooksFromTheHostTakesTheLoopOffTheDevice) {
   const std::string body = "r: {type: relax, x: state.x, target: t}, p: {type: peek, in: r}, d: {type: device_add, in: p, offset: 0}";
-  const auto peeking = [&](int rounds) {
-    return relaxing("threshold: 0, min_iterations: 1000, max_iterations: " + std::to_string(rounds), body);
-  };
+  const auto peeking = [&](int rounds) { return relaxing("threshold: 0, min_iterations: 1000, max_iterations: " + std::to_string(rounds), body); };
   const Ran few = run_on_fake(peeking(10)), many = run_on_fake(peeking(30));
   EXPECT_EQ(many, run_on_host(peeking(30)));
   EXPECT_EQ(many.figures.loops, 0u);
@@ -115,8 +114,10 @@ TEST(DeviceLoop, ANodeThatLooksFromTheHostTakesTheLoopOffTheDevice) {
 
 TEST(DeviceLoop, ALoopInALoopIsRunFromTheHostAndItselfStaysOnTheDevice) {
   const std::string nodes =
-      "  v: {type: value, value: 0}\n  t: {type: value, value: 8}\n  l: {type: iterate, max_iterations: 3, threshold: 0, state: {x: v}, body: {i: {type: "
-      "iterate, max_iterations: 5, threshold: 0, state: {y: state.x}, body: {r: {type: relax, x: state.y, target: t}}, next: {y: r}}}, next: {x: i.y}}";
+      "  v: {type: value, value: 0}\n  t: {type: value, value: 8}\n  l: {type: iterate, max_iterations: 3, threshold: 0, state: {x: v}, body: {i: "
+      "{type: "
+      "iterate, max_iterations: 5, threshold: 0, state: {y: state.x}, body: {r: {type: relax, x: state.y, target: t}}, next: {y: r}}}, next: {x: "
+      "i.y}}";
   const Ran there = run_on_fake(nodes);
   EXPECT_EQ(there, run_on_host(nodes));
   EXPECT_EQ(there.figures.loops, 3u);
@@ -124,7 +125,8 @@ TEST(DeviceLoop, ALoopInALoopIsRunFromTheHostAndItselfStaysOnTheDevice) {
 
 TEST(DeviceLoop, StatesThatChangePlacesAreRunFromTheHost) {
   const std::string nodes =
-      "  v: {type: value, value: 0}\n  w: {type: value, value: 1}\n  l: {type: iterate, threshold: 0, max_iterations: 7, state: {a: v, b: w}, body: {s: "
+      "  v: {type: value, value: 0}\n  w: {type: value, value: 1}\n  l: {type: iterate, threshold: 0, max_iterations: 7, state: {a: v, b: w}, body: "
+      "{s: "
       "{type: device_add, in: state.a}}, next: {a: state.b, b: s}}";
   EXPECT_EQ(run_on_fake(nodes), run_on_host(nodes));
 }
@@ -150,7 +152,8 @@ TEST(DeviceLoop, LeavesWhatGoesInAsItWas) {
 // Frames side by side bring their loops to the device together; each ends when it is at rest, with the numbers that it has alone.
 TEST(DeviceLoop, LoopsOfSeveralFramesRunAsOne) {
   const std::string nodes =
-      "  v: {type: frame, scale: 16}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, "
+      "  v: {type: frame, scale: 16}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: "
+      "state.x, "
       "target: t}}, next: {x: r}}";
   const auto plan = compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options());
   for (const int batch : {0, 4}) {
@@ -177,10 +180,11 @@ TEST(DeviceLoop, LoopsOfSeveralFramesRunAsOne) {
 }
 
 TEST(DeviceLoop, LoopsThatAreNotAlikeAreRunOneAfterTheOther) {
-  const auto plan = compile(read_graph_text("knead: 1\nnodes:\n  v: {type: grow}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, "
-                                            "body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
-                                            "t.yaml"),
-                            toys::options());
+  const auto plan = compile(
+      read_graph_text("knead: 1\nnodes:\n  v: {type: grow}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, "
+                      "body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
+                      "t.yaml"),
+      toys::options());
   FakeDevice fake;
   EvaluatorOptions options;
   options.executor = &fake.executor;
@@ -197,10 +201,11 @@ TEST(DeviceLoop, LoopsThatAreNotAlikeAreRunOneAfterTheOther) {
 }
 
 TEST(DeviceLoop, AFrameThatFailsDoesNotHoldUpTheOthers) {
-  const auto plan = compile(read_graph_text("knead: 1\nnodes:\n  f: {type: frame}\n  v: {type: failing, in: f, when: 3}\n  t: {type: value, value: 8}\n  l: {type: "
-                                            "iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
-                                            "t.yaml"),
-                            toys::options());
+  const auto plan =
+      compile(read_graph_text("knead: 1\nnodes:\n  f: {type: frame}\n  v: {type: failing, in: f, when: 3}\n  t: {type: value, value: 8}\n  l: {type: "
+                              "iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
+                              "t.yaml"),
+              toys::options());
   FakeDevice fake;
   EvaluatorOptions options;
   options.executor = &fake.executor;
@@ -218,7 +223,8 @@ TEST(DeviceLoop, IsCancelledBetweenItsPartsOnTheDevice) {
   int asked = 0;
   options.cancelled = [&] { return ++asked > 20; };
   Evaluator evaluator(
-      compile(read_graph_text("knead: 1\nnodes:\n" + relaxing("threshold: 0, min_iterations: 1000000, max_iterations: 1000000"), "t.yaml"), toys::options()),
+      compile(read_graph_text("knead: 1\nnodes:\n" + relaxing("threshold: 0, min_iterations: 1000000, max_iterations: 1000000"), "t.yaml"),
+              toys::options()),
       options);
   EXPECT_EQ(evaluator.evaluate(1, {"l"}).error->code(), ErrorCode::kCancelled);
   EXPECT_LT(fake.backend.rounds_run, 20000);

@@ -1,6 +1,6 @@
-// A device that is host memory which the host may not touch: pages are closed except while a kernel or a copy runs. What would break on a real device breaks
-// here: the host reading device memory (the process gets SIGSEGV), a kernel that is given host memory, a result that is read before it has come, storage
-// that is read before it was written (it is full of NaNs), more memory than there is.
+// A device that is host memory which the host may not touch: pages are closed except while a kernel or a copy runs. What would break on a real device
+// breaks here: the host reading device memory (the process gets SIGSEGV), a kernel that is given host memory, a result that is read before it has
+// come, storage that is read before it was written (it is full of NaNs), more memory than there is.
 #pragma once
 #include <sys/mman.h>
 
@@ -119,7 +119,8 @@ class FakeBackend final : public DeviceBackend {
     size_t bytes_;
   };
 
-  // A word of the body that is an address, and not one of the device's: something of the host. A small number beside padding may look like an address too.
+  // A word of the body that is an address, and not one of the device's: something of the host. A small number beside padding may look like an address
+  // too.
   void check(const Kernel& kernel, const void* body) const {
     for (size_t at = 0; at + 8 <= kernel.body_bytes; at += 8) {
       uintptr_t word;

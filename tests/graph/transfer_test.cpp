@@ -100,7 +100,8 @@ TEST(Transfer, TooLittleMemoryIsAnErrorThatNamesTheSizesAndTheNextFrameIsMade) {
   const FrameResult starved = on.evaluator.evaluate(1, {"d"});
   ASSERT_TRUE(starved.error);
   EXPECT_EQ(starved.error->code(), ErrorCode::kMemory);
-  EXPECT_THAT(starved.error->what(), AllOf(HasSubstr("out of memory on fake:0 (host memory): 32064 bytes were asked for"), HasSubstr("of 40000 bytes are free")));
+  EXPECT_THAT(starved.error->what(),
+              AllOf(HasSubstr("out of memory on fake:0 (host memory): 32064 bytes were asked for"), HasSubstr("of 40000 bytes are free")));
   EXPECT_EQ(on.get("e"), 2);
 }
 

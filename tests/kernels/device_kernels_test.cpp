@@ -1,6 +1,6 @@
-// Every kernel of the loop on devices, against the serial executor. The fake device runs the same code and gives the same bits. CUDA contracts products and sums,
-// divides and takes roots in its own way, and adds up in another order: each step is the serial one's to a few roundings, times what the step itself
-// amplifies. A volume step solves a 3x3 system whose condition the regularisation bounds by about 100; the others amplify nothing.
+// Every kernel of the loop on devices, against the serial executor. The fake device runs the same code and gives the same bits. CUDA rounds each operation as
+// the host does, so that only sums that are taken in another order (the rigid fit) and hosts that contract products and sums differ, by a few roundings
+// times what the step amplifies: a volume step solves a 3x3 system whose condition the regularisation bounds by about 100; the others amplify nothing.
 #include <gtest/gtest.h>
 
 #include <cstring>
@@ -32,7 +32,9 @@ const loop_fixture::Scene& scene() {
   }();
   return made;
 }
-Buffer<Vec3f> bent_points() { return loop_fixture::shaken(scene().tets.rest, 0.1f, 11); }
+Buffer<Vec3f> bent_points() {
+  return loop_fixture::shaken(scene().tets.rest, 0.1f, 11);
+}
 Buffer<float> paint(float most) {
   std::vector<float> values;
   for (const Vec3f& p : scene().surface.points.host()) values.push_back(p.y < -0.5f ? most : p.y < 0 ? 0.25f * most : 0);
@@ -130,8 +132,10 @@ TEST_P(DeviceKernels, Hold) {
   // Moved as a whole, too: the rigid motion is what is taken out.
   std::vector<Vec3f> turned;
   for (const Vec3f& p : bent_points().host()) turned.push_back({0.8f * p.x - 0.6f * p.y + 1, 0.6f * p.x + 0.8f * p.y - 2, p.z + 0.5f});
-  for (const Case& one : {Case{true, nullptr, nullptr, nullptr, nullptr}, {false, nullptr, nullptr, &weights, &far_weights},
-                          {true, &pins, &far_pins, &weights, &far_weights}, {true, &none, &far_none, nullptr, nullptr}})
+  for (const Case& one : {Case{true, nullptr, nullptr, nullptr, nullptr},
+                          {false, nullptr, nullptr, &weights, &far_weights},
+                          {true, &pins, &far_pins, &weights, &far_weights},
+                          {true, &none, &far_none, nullptr, nullptr}})
     compare(Buffer<Vec3f>(turned), 2 * kRoundings, [&](Executor& on, const Buffer<Vec3f>& points, const TetMesh& tets, const Lattice& lattice) {
       const bool here = on.device() == Device{};
       HoldSettings settings{.strength = 0.1, .remove_rigid = one.rigid};

@@ -1,5 +1,5 @@
-// Values on a device, for tests that run on whatever device there is: a fake one always, CUDA where it is present. KNEAD_REQUIRE_CUDA=1 makes its absence a
-// failure instead of a skip.
+// Values on a device, for tests that run on whatever device there is: a fake one always, CUDA where it is present. KNEAD_REQUIRE_CUDA=1 makes its
+// absence a failure instead of a skip.
 #pragma once
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ inline bool cuda_required() {
 // Null where there is none; the test then ends with a skip or a failure.
 inline std::unique_ptr<Executor> device_named(const std::string& name, bool graph_loops = true) {
   if (name == "fake") return std::make_unique<DeviceExecutor>(std::make_unique<fake_device::FakeBackend>());
-  if (!cuda_devices().names.empty()) return make_cuda_executor(0, graph_loops);
+  if (!cuda_devices().devices.empty()) return make_cuda_executor(cuda_devices().devices.front().index, graph_loops);
   if (cuda_required()) ADD_FAILURE() << "KNEAD_REQUIRE_CUDA is set, and there is no CUDA device: " << cuda_devices().missing;
   return nullptr;
 }

@@ -1,5 +1,6 @@
-// The whole main job on a device: the loop stays there from its second round to its end, and the results are those of the host. On a fake device (host memory
-// that the host may not touch) they are the serial executor's to the bit, for it runs the same bodies; on CUDA they are so up to rounding.
+// The whole main job on a device: the loop stays there from its second round to its end, and the results are those of the host. On a fake device
+// (host memory that the host may not touch) they are the serial executor's to the bit, for it runs the same bodies; on CUDA they are so up to
+// rounding.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -31,8 +32,8 @@ nodes:
   press: {type: deform, surface: body, sdf: [cube_sdf, ball_sdf], pins: pins, max_depth: 4, max_iterations: 30, stiffness: 0.4}
 )";
 
-// A ball that is in beyond its middle: it comes in from outside over the first rounds. Nothing is pinned, so that the rigid motion is taken out, and the pull
-// to rest is painted.
+// A ball that is in beyond its middle: it comes in from outside over the first rounds. Nothing is pinned, so that the rigid motion is taken out, and
+// the pull to rest is painted.
 const char* const kDeep = R"(knead: 1
 frames: 1-2
 nodes:
@@ -113,7 +114,8 @@ TEST(WholeGraphOnADevice, GivesTheSerialExecutorsBits) {
     for (const int batch : {0, 8}) {
       FakeDevice fake(size_t{1} << 30, batch);
       OnExecutor here(*serial, graph), there(fake.executor, graph);
-      for (const int frame : frames) expect_same(here.get(frame), there.get(frame), "frame " + std::to_string(frame) + ", batches of " + std::to_string(batch));
+      for (const int frame : frames)
+        expect_same(here.get(frame), there.get(frame), "frame " + std::to_string(frame) + ", batches of " + std::to_string(batch));
       EXPECT_EQ(fake.executor.figures().loops, frames.size()) << "every loop stays on the device";
     }
 }
@@ -179,8 +181,8 @@ class WholeGraphOnCuda : public testing::TestWithParam<bool> {
   std::unique_ptr<Executor> cuda_;
 };
 
-// Each round of the loop adds a few roundings of a coordinate and takes most of those before it back, so that they add up to far less than 90 times as much;
-// what is left is below what ends the loop (threshold 1e-4).
+// Each round of the loop adds a few roundings of a coordinate and takes most of those before it back, so that they add up to far less than 90 times
+// as much; what is left is below what ends the loop (threshold 1e-4).
 TEST_P(WholeGraphOnCuda, GivesTheHostsShapeAndTheSameBytesAgain) {
   constexpr double kRounding = 5e-5;  // of the diagonal
   const auto serial = make_serial_executor();
