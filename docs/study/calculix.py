@@ -103,6 +103,8 @@ def read_displacements(path, count):
             blocks.append((float(words[-1]), rows))
         elif len(words) == 4:
             rows.append([float(w) for w in words])
+    if not blocks:
+        return 0, None
     time_reached, rows = blocks[-1]
     table = np.array(rows)
     moved = np.zeros((count, 3))

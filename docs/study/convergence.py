@@ -19,11 +19,11 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-LOOP_COUNTS = [10, 20, 30, 60, 120, 250, 500, 1000, 2000, 4000]
-LOOP_CONVERGED = 8000
-EQUILIBRIUM_COUNTS = [2, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200, 300, 600]
-EQUILIBRIUM_CONVERGED = 3000
-LOOPS = {"memory, hold": (1, 0.02), "memory, no hold": (1, 0), "no memory, hold": (0, 0.02), "no memory, no hold": (0, 0)}
+LOOP_COUNTS = [10, 20, 30, 60, 120, 250, 500, 1000]
+LOOP_CONVERGED = 2000
+EQUILIBRIUM_COUNTS = [2, 5, 10, 20, 30, 40, 60, 80, 100, 150]
+EQUILIBRIUM_CONVERGED = 600
+LOOPS = {"memory, hold": (1, 1), "memory, no hold": (1, 0), "no memory, hold": (0, 1), "no memory, no hold": (0, 0)}
 RED, BLUE = ("#c44e52", "#dd8452", "#937860", "#8c8c8c"), "#1f5fa8"
 
 
@@ -52,12 +52,13 @@ class Study:
 class Scene:
     """Nodes `body`, `motion` or others for the pictures, and the colliders' fields."""
 
-    def __init__(self, name, nodes, sdf, depth, stiffness, hard, lift=None, volume=None):
+    def __init__(self, name, nodes, sdf, depth, stiffness, hard, lift=None, volume=None, hold=0.02, own_hold=0.02):
         self.name, self.nodes, self.sdf, self.depth, self.stiffness, self.hard = name, nodes, sdf, depth, stiffness, hard
+        self.hold, self.own_hold = hold, own_hold  # of the loop: for the variants with hold, and as the example has it
         self.lift, self.volume = lift or {}, volume or {"relaxation": 0.4, "sweeps": 2}
 
-    def graph(self, depth=None):
-        return dict(self.nodes, tets={"type": "build_tets", "surface": "body", "max_depth": depth or self.depth})
+    def graph(self, **tets):
+        return dict(self.nodes, tets={"type": "build_tets", "surface": "body", "max_depth": self.depth, **tets})
 
     def results(self, nodes, name, write=True):
         nodes[name + "_exact"] = {"type": "collide_sdf", "mode": "project", "surface": name + ".surface", "sdf": self.sdf}
@@ -66,7 +67,7 @@ class Scene:
         if write:
             nodes[name + "_w"] = {"type": "write_mesh", "surface": name + "_exact.surface", "path": name + ".####.ply"}
 
-    def loop(self, nodes, name, rounds, before=None, rate=1.0, hold=0.02, threshold=0.0):
+    def loop(self, nodes, name, rounds, before=None, rate=1.0, hold=None, threshold=0.0):
         """The paper's loop, from rest or on from where the loop `before` ended: the same bits as in one go."""
         start = {"points": "tets.points", "surface": "body", "memory": None}
         nodes[name] = {
@@ -79,7 +80,7 @@ class Scene:
                          "tets": "tets", **self.lift},
                 "volume": {"type": "restore_volume", "points": "lift", "tets": "tets", **self.volume},
                 "stiff": {"type": "enforce_stiffness", "points": "volume", "tets": "tets", "stiffness": self.stiffness},
-                "held": {"type": "hold", "points": "stiff", "tets": "tets", "lattice": "tets.lattice", "strength": hold},
+                "held": {"type": "hold", "points": "stiff", "tets": "tets", "lattice": "tets.lattice", "strength": self.own_hold if hold is None else hold},
                 "map": {"type": "map_to_surface", "points": "held", "lattice": "tets.lattice"},
             },
             "next": {"points": "held", "surface": "map", "memory": "push.memory"},
@@ -96,22 +97,23 @@ def moved(place, further):
     return {1: {"translate": list(place)}, 2: {"translate": [p + f for p, f in zip(place, further)]}}
 
 
-def head_scene(height=2.0, depth=6):
+def head_scene(height=2.0, depth=6, resolution=0):
     s = height / 2
     return Scene("head", {
-        "body": {"type": "primitive", "shape": "head", "height": height},
+        "body": {"type": "primitive", "shape": "head", "height": height, "resolution": resolution},
         "fist": {"type": "primitive", "shape": "fist", "height": 0.6 * s},
         "hard": {"type": "transform", "mesh": "fist", "rotate": [-90, 0, 0], "keys": moved((0.28 * s, 0, 0.72 * s), (0, 0, s))},
         "solid": {"type": "mesh_to_sdf", "mesh": "hard"}}, ["solid"], depth, 0.15, ["hard"])
 
 
-def crush_scene(depth=4):
-    nodes = {"body": {"type": "primitive", "shape": "sphere", "radius": 1},
+def crush_scene(depth=4, resolution=0):
+    nodes = {"body": {"type": "primitive", "shape": "sphere", "radius": 1, "resolution": resolution},
              "block": {"type": "primitive", "shape": "box", "size": [6, 4, 6], "resolution": 6}}
     for name, side in (("upper", 1), ("lower", -1)):
         nodes[name] = {"type": "transform", "mesh": "block", "keys": moved((0, side * 2.27, 0), (0, side, 0))}
         nodes[name + "_sdf"] = {"type": "mesh_to_sdf", "mesh": name}
-    return Scene("crush", nodes, ["upper_sdf", "lower_sdf"], depth, 0.2, ["upper", "lower"], {"max_step": 0.1}, {"sweeps": 6, "regularisation": 0.05})
+    return Scene("crush", nodes, ["upper_sdf", "lower_sdf"], depth, 0.2, ["upper", "lower"], {"max_step": 0.1}, {"sweeps": 6, "regularisation": 0.05},
+                 hold=0.002, own_hold=0)
 
 
 def ball_scene(study, name, body, keys_of, depth=6):
@@ -133,7 +135,10 @@ def mesh_scene(study, path):
 
 
 def scenes(study, meshes):
-    return [head_scene(), crush_scene()] + [mesh_scene(study, path) for path in meshes]
+    yield head_scene()
+    yield crush_scene()
+    for path in meshes:
+        yield mesh_scene(study, path)
 
 
 def distance(a, b, dent):
@@ -146,17 +151,20 @@ def no_later_is_quicker(times):
     return list(np.minimum.accumulate(np.array(times)[::-1])[::-1])
 
 
-def study_distance(study, meshes):
-    results = {}
+def study_distance(study, meshes, results, done):
+    """Adds a scene at a time to `results`; those that are there are left as they are."""
     for scene in scenes(study, meshes):
+        if scene.name in results:
+            continue
         nodes = scene.graph()
         nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
-        for k, (rate, hold) in enumerate(LOOPS.values()):
-            before, done = None, 0
+        for k, (rate, held) in enumerate(LOOPS.values()):
+            hold = held * scene.hold
+            before, made = None, 0
             for rounds in LOOP_COUNTS + [LOOP_CONVERGED]:
                 name = f"loop{k}_{rounds}"
-                scene.loop(nodes, name, rounds - done, before, rate, hold)
-                before, done = name, rounds
+                scene.loop(nodes, name, rounds - made, before, rate, hold)
+                before, made = name, rounds
             scene.loop(nodes, f"loop{k}_stop", 250, None, rate, hold, 1e-4)
         for count in EQUILIBRIUM_COUNTS:
             scene.equilibrium(nodes, f"eq_{count}", max_iterations=count, threshold=1e-6, displacement=0, penetration=0)
@@ -192,61 +200,79 @@ def study_distance(study, meshes):
             result["loops"][variant] = {"sweep": sweep, "stop": stop, "last": last, "unrest": stats[names[-1] + "_m.unrest"]}
         results[scene.name] = result
         print(scene.name, "done", flush=True)
+        done()
     return results
 
 
-def study_smooth(study, frames=61):
-    body = {"type": "primitive", "shape": "head"}
+def study_smooth(study, frames=13):
+    """A ball moved along a straight line, a thousandth of the diagonal a frame: deep in another ball, and over the head's nose from before it touches."""
+    step = 2 * 3**0.5 / 1000
 
-    def keys(tip, diagonal, radius):
-        # Presses and slides: a straight line, a thousandth of the diagonal a frame, from just before it touches.
+    def into_ball(tip, diagonal, radius):
+        centre = np.array((0.03, 0.02, 1 + 0.5 - 0.32))
+        return {1: {"translate": list(centre)}, frames: {"translate": list(centre - (0, 0, (frames - 1) * step))}}
+
+    def over_nose(tip, diagonal, radius):
         way = np.array((0.6, 0, -0.8)) * diagonal / 1000
         start = tip + (0, 0, radius + 0.003 * diagonal)
         return {1: {"translate": list(start)}, frames: {"translate": list(start + (frames - 1) * way)}}
 
-    scene = ball_scene(study, "smooth", body, keys)
-    nodes = scene.graph()
-    scene.loop(nodes, "loop", 250, None, 1, 0.02, 1e-4)
-    kinds = {"loop": "the paper's loop, memory and hold, its stopping rule"}
-    for gap in (0, 1e-3, 2e-3):
-        name = f"gap_{gap:g}".replace(".", "_").replace("-", "_")
-        scene.equilibrium(nodes, name, contact_gap=gap)
-        kinds[name] = f"equilibrium, contact_gap {gap:g}"
-    nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
-    folder, _ = study.run("smooth", nodes, f"1-{frames}")
-    rest = read_ply(folder / "rest.ply")
-    step = np.linalg.norm(np.ptp(rest, axis=0)) / 1000
+    bodies = {"ball": ({"type": "primitive", "shape": "sphere", "radius": 1}, into_ball), "nose": ({"type": "primitive", "shape": "head"}, over_nose)}
+    tight = {"threshold": 1e-5, "displacement": 1e-6, "penetration": 1e-5, "max_iterations": 400}
+    kinds = {"loop": ("the paper's loop, at its stopping rule", {}), "gap_0": ("equilibrium, contact_gap 0", {"contact_gap": 0}),
+             "gap_1": ("equilibrium (contact_gap 1e-3)", {}), "gap_2": ("equilibrium, contact_gap 2e-3", {"contact_gap": 2e-3}),
+             "tight_1": ("equilibrium, tight", tight),
+             "corotated": ("equilibrium, corotated", {"material": "corotated"}), "edges": ("equilibrium, edges", {"material": "edges"})}
     result = {}
-    for name, title in kinds.items():
-        shapes = np.array([read_ply(folder / f"{name}.{frame:04d}.ply") for frame in range(1, frames + 1)])
-        jolts = np.linalg.norm(shapes[2:] - 2 * shapes[1:-1] + shapes[:-2], axis=2).max(axis=1) / step
-        result[title] = {"frames": list(range(2, frames)), "second_difference": [float(j) for j in jolts]}
+    for name, (body, keys) in bodies.items():
+        scene = ball_scene(study, "smooth_" + name, body, keys)
+        if name == "ball":
+            scene.nodes["ball"]["radius"] = 0.5
+        nodes = scene.graph()
+        nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
+        for kind, (title, settings) in kinds.items():
+            if kind == "loop":
+                scene.loop(nodes, kind, 250, threshold=1e-4)
+            else:
+                scene.equilibrium(nodes, kind, **settings)
+            nodes[kind + "_raw"] = {"type": "write_mesh", "surface": kind + ".surface", "path": kind + "_raw.####.ply"}
+        folder, stats = study.run("smooth_" + name, nodes, f"1-{frames}")
+        length = np.linalg.norm(np.ptp(read_ply(folder / "rest.ply"), axis=0)) / 1000
+
+        def jolts(files):
+            shapes = np.array([read_ply(folder / f"{files}.{frame:04d}.ply") for frame in range(1, frames + 1)])
+            return [float(j) for j in np.linalg.norm(shapes[2:] - 2 * shapes[1:-1] + shapes[:-2], axis=2).max(axis=1) / length]
+
+        result[name] = {title: {"frames": list(range(2, frames)), "raw": jolts(kind + "_raw"), "projected": jolts(kind),
+                                "iterations": float(np.mean([line[kind + "_m.iterations"] for line in stats]))} for kind, (title, _) in kinds.items()}
     return result
 
 
 def study_depth(study):
+    """On finer bodies than the examples', and with cells split down to single vertices: else there would be nothing to make H finer for."""
     result = {}
-    for make in (head_scene, crush_scene):
+    for make, resolution, depths in ((head_scene, 60, (4, 5, 6, 7)), (crush_scene, 5, (4, 5))):
         shapes, rows = {}, {}
-        for depth in (4, 5, 6, 7):
-            scene = make(depth=depth)
-            nodes = scene.graph()
-            scene.equilibrium(nodes, "eq")
-            scene.equilibrium(nodes, "gradient", displacement=1, penetration=1)
-            scene.equilibrium(nodes, "tight", threshold=1e-5, penetration=1e-5, max_iterations=1500)
-            scene.loop(nodes, "loop", 250, None, 1, 0.02, 1e-4)
+        for depth in depths:
+            scene = make(depth=depth, resolution=resolution)
+            nodes = scene.graph(max_vertices=1)
+            scene.equilibrium(nodes, "eq", max_iterations=300)
+            scene.equilibrium(nodes, "gradient", displacement=1, penetration=1, max_iterations=300)
+            if depth < 7:
+                scene.loop(nodes, "loop", 250, threshold=1e-4)
             nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
             folder, (stats,) = study.run(f"depth_{scene.name}_{depth}", nodes)
-            shapes[depth] = {name: read_ply(folder / f"{name}.0001.ply") for name in ("eq", "tight", "loop")}
+            shapes[depth] = {name: read_ply(folder / f"{name}.0001.ply") for name in ("eq", "loop")[: 2 if depth < 7 else 1]}
             shapes[depth]["rest"] = read_ply(folder / "rest.ply")
-            rows[depth] = {"tets": stats["tets"], "iterations": stats["eq_m.iterations"], "ended": stats["eq_m.ended"],
+            rows[depth] = {"tets": stats["tets"], "depth": stats["depth"], "iterations": stats["eq_m.iterations"], "ended": stats["eq_m.ended"],
                            "to_gradient": stats["gradient_m.iterations"], "gradient_ended": stats["gradient_m.ended"],
                            "volume_error": stats["eq_m.volume_error"], "inverted": stats["eq_m.inverted_tets"],
                            "seconds": stats["eq_m.solve_milliseconds"] * 1e-3, "raw_penetration": stats["eq_exact.penetration_max_relative"]}
-        for depth in (4, 5, 6):
+            print(scene.name, depth, rows[depth], flush=True)
+        for depth in depths[:-1]:
             a, b = shapes[depth], shapes[depth + 1]
-            dent = np.linalg.norm(b["tight"] - b["rest"], axis=1).max()
-            rows[depth]["next"] = {name: distance(a[name], b[name], dent) for name in ("eq", "tight", "loop")}
+            dent = np.linalg.norm(b["eq"] - b["rest"], axis=1).max()
+            rows[depth]["next"] = {name: distance(a[name], b[name], dent) for name in ("eq", "loop") if name in a and name in b}
         result[scene.name] = rows
     return result
 
@@ -258,7 +284,7 @@ def study_scale(study):
         scene = head_scene(height)
         nodes = scene.graph()
         scene.equilibrium(nodes, "eq")
-        scene.loop(nodes, "loop", 250, None, 1, 0.02, 1e-4)
+        scene.loop(nodes, "loop", 250, threshold=1e-4)
         nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
         folder, (stats,) = study.run(f"scale_{height:g}", nodes)
         shapes[height] = {name: read_ply(folder / f"{name}.0001.ply") * 2 / height for name in ("eq", "loop")}
@@ -271,7 +297,7 @@ def study_scale(study):
 def study_pictures(study):
     for scene in (head_scene(), crush_scene()):
         nodes = scene.graph()
-        scene.loop(nodes, "loop", 250, None, 1, 0.02, 1e-4)
+        scene.loop(nodes, "loop", 250, threshold=1e-4)
         scene.equilibrium(nodes, "equilibrium")
         view = [0.9, 0.3, 0.6] if scene.name == "head" else [0.3, 0.25, 1]
         for name in ("loop", "equilibrium"):
@@ -300,15 +326,19 @@ def plot_distance(results, path):
     figure.savefig(path, dpi=85)
 
 
-def plot_smooth(result, path):
-    figure, axis = plt.subplots(figsize=(8, 3.2), constrained_layout=True)
-    for colour, (title, series) in zip((RED[0], "#7fa8d6", BLUE, "#0b2f5c"), result.items()):
-        axis.semilogy(series["frames"], np.maximum(series["second_difference"], 1e-5), color=colour, lw=1.2, label=title)
-    axis.axhline(0.02, color="black", lw=0.6, ls=":")
-    axis.set_xlabel("frame; the ball moves by 1/1000 of the diagonal a frame", fontsize=8)
-    axis.set_ylabel("largest second difference\nof a vertex / step", fontsize=8)
-    axis.tick_params(labelsize=7)
-    axis.legend(fontsize=6)
+def plot_smooth(results, path):
+    figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.2), sharey=True, constrained_layout=True)
+    shown = {"the paper's loop, at its stopping rule": RED[0], "equilibrium, contact_gap 0": "#7fa8d6", "equilibrium (contact_gap 1e-3)": BLUE,
+             "equilibrium, contact_gap 2e-3": "#0b2f5c", "equilibrium, tight": "#55a868"}
+    for axis, (name, series) in zip(axes, results.items()):
+        for title, colour in shown.items():
+            axis.semilogy(series[title]["frames"], np.maximum(series[title]["raw"], 1e-4), color=colour, lw=1.2, label=title)
+        axis.axhline(0.02, color="black", lw=0.6, ls=":")
+        axis.set_title(name, fontsize=9)
+        axis.set_xlabel("frame; the ball moves by 1/1000 of the diagonal a frame", fontsize=8)
+        axis.tick_params(labelsize=7)
+    axes[0].set_ylabel("largest second difference\nof a vertex / step", fontsize=8)
+    axes[0].legend(fontsize=6)
     figure.savefig(path, dpi=85)
 
 
@@ -349,17 +379,17 @@ def tables(results):
                 text.append(f"| {name} | {method} | {s['ended']} | {s['iterations']} | {s['seconds']:.2g} | {percent(s['rms'])} | {percent(s['max'])} | "
                             f"{first_below(row['sweep'])} | {percent(s['to_equilibrium'])} | {percent(s['volume_error'])} | {s['raw_penetration']:.1e} | {s['inverted']} |")
     if "depth" in results:
-        text += ["", "| scene | depth | tets | to gradient 1e-3 | to rest | s | volume | inverted | next depth, default | next depth, tight | next depth, loop |", "|---|---|---|---|---|---|---|---|---|---|---|"]
+        text += ["", "| scene | depth | tets | to gradient 1e-3 | to rest | s | volume | inverted | off the next depth | loop: off the next depth |", "|---|---|---|---|---|---|---|---|---|---|"]
         for name, rows in results["depth"].items():
             for depth, r in rows.items():
-                following = [percent(r["next"][k][0]) if "next" in r else "" for k in ("eq", "tight", "loop")]
+                following = [percent(r["next"][k][0]) if k in r.get("next", {}) else "" for k in ("eq", "loop")]
                 text.append(f"| {name} | {depth} | {r['tets']} | {r['to_gradient']} | {r['iterations']} ({r['ended']}) | {r['seconds']:.2g} | {percent(r['volume_error'])} | "
                             f"{r['inverted']} | {' | '.join(following)} |")
-    if "smooth" in results:
-        text += ["", "| method | median | 95 % | largest |", "|---|---|---|---|"]
-        for title, series in results["smooth"].items():
-            jolts = np.array(series["second_difference"])
-            text.append(f"| {title} | {percent(np.median(jolts))} | {percent(np.quantile(jolts, 0.95))} | {percent(jolts.max())} |")
+    for name, kinds in results.get("smooth", {}).items():
+        text += ["", f"| {name} | iterations | median | largest | largest after `project` |", "|---|---|---|---|---|"]
+        for title, series in kinds.items():
+            raw, projected = np.array(series["raw"]), np.array(series["projected"])
+            text.append(f"| {title} | {series['iterations']:.0f} | {percent(np.median(raw))} | {percent(raw.max())} | {percent(projected.max())} |")
     if "scale" in results:
         text += ["", "| height | iterations | rest RMS, max | equilibrium RMS, max | loop RMS, max |", "|---|---|---|---|---|"]
         for height, r in results["scale"].items():
@@ -378,14 +408,15 @@ def main():
     arguments.out.mkdir(parents=True, exist_ok=True)
     kept = arguments.out / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
+    save = lambda: kept.write_text(json.dumps(results, indent=1))
     parts = {"pictures": study_pictures, "scale": study_scale, "depth": study_depth, "smooth": study_smooth,
-             "distance": lambda s: study_distance(s, arguments.mesh)}
+             "distance": lambda s: study_distance(s, arguments.mesh, results.setdefault("distance", {}), save)}
     for name, part in parts.items():
         if arguments.only in (None, name):
             made = part(study)
             if made:
                 results[name] = made
-                kept.write_text(json.dumps(results, indent=1))
+                save()
             print(name, "done", flush=True)
     if "distance" in results:
         plot_distance(results["distance"], arguments.out / "distance.png")
