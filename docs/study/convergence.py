@@ -5,8 +5,8 @@ Needs numpy and matplotlib (pip install numpy matplotlib). From the root of the 
 
   docs/study/convergence.py --knead build/release/app/knead --out out/study --mesh PATH --mesh PATH [--only distance|smooth|depth|scale|pictures]
 
-Each --mesh is a closed body pressed by a ball from +z; the head and the crush are those of examples/. Everything runs on one thread, so that times are of the
-method and not of what else the machine does. Graphs, meshes and results.json stay in --out; tables.md and the plots are made from them.
+Each --mesh is a closed body pressed by a ball from +z; the head and the crush are those of examples/. Everything runs on one thread, so that times
+are of the method and not of what else the machine does. Graphs, meshes and results.json stay in --out; tables.md and the plots are made from them.
 """
 import argparse
 import json
@@ -80,7 +80,8 @@ class Scene:
                          "tets": "tets", **self.lift},
                 "volume": {"type": "restore_volume", "points": "lift", "tets": "tets", **self.volume},
                 "stiff": {"type": "enforce_stiffness", "points": "volume", "tets": "tets", "stiffness": self.stiffness},
-                "held": {"type": "hold", "points": "stiff", "tets": "tets", "lattice": "tets.lattice", "strength": self.own_hold if hold is None else hold},
+                "held": {"type": "hold", "points": "stiff", "tets": "tets", "lattice": "tets.lattice",
+                         "strength": self.own_hold if hold is None else hold},
                 "map": {"type": "map_to_surface", "points": "held", "lattice": "tets.lattice"},
             },
             "next": {"points": "held", "surface": "map", "memory": "push.memory"},
@@ -194,7 +195,8 @@ def study_distance(study, meshes, results, done):
         names = [f"eq_{count}" for count in EQUILIBRIUM_COUNTS]
         each_round, each_solve = seconds_each(study, scene)
         solve = lambda name: each_solve * stats[name + "_m.iterations"]
-        result["equilibrium"] = {"sweep": [entry(name, converged, solve(name)) for name in names], "stop": entry("eq_stop", converged, solve("eq_stop")),
+        result["equilibrium"] = {"sweep": [entry(name, converged, solve(name)) for name in names],
+                                 "stop": entry("eq_stop", converged, solve("eq_stop")),
                                  "converged": entry("eq_converged", converged, solve("eq_converged")),
                                  "converged_gradient": stats["eq_converged_m.gradient"], "prepare": stats["eq_stop_m.prepare_milliseconds"] * 1e-3}
         for k, variant in enumerate(LOOPS):
@@ -211,7 +213,7 @@ def study_distance(study, meshes, results, done):
 
 
 def study_smooth(study, frames=13):
-    """A ball moved along a straight line, a thousandth of the diagonal a frame: deep in another ball, and over the head's nose from before it touches."""
+    """A ball moved on a straight line, a thousandth of the diagonal a frame: deep in another ball, and over the head's nose from before it touches."""
     step = 2 * 3**0.5 / 1000
 
     def into_ball(tip, diagonal, radius):
@@ -307,8 +309,9 @@ def study_pictures(study):
         scene.equilibrium(nodes, "equilibrium")
         view = [0.9, 0.3, 0.6] if scene.name == "head" else [0.3, 0.25, 1]
         for name in ("loop", "equilibrium"):
-            nodes[name + "_picture"] = {"type": "write_picture", "surface": name + "_exact.surface", "rest": "body", "colliders": scene.hard, "look": "hidden",
-                                        "view": view, "zoom": 1.6 if scene.name == "head" else 0.9, "width": 420, "height": 340, "path": name + ".png"}
+            nodes[name + "_picture"] = {"type": "write_picture", "surface": name + "_exact.surface", "rest": "body", "colliders": scene.hard,
+                                        "look": "hidden", "view": view, "zoom": 1.6 if scene.name == "head" else 0.9,
+                                        "width": 420, "height": 340, "path": name + ".png"}
         study.run("pictures_" + scene.name, nodes)
 
 
@@ -376,14 +379,15 @@ def first_below(sweep, limit=0.01):
 def tables(results):
     text = []
     if "distance" in results:
-        text += ["| scene | method | ended | iterations | s | RMS / dent | max / dent | under 1 % from | to the equilibrium | volume | inside before `project` | inverted |",
+        text += ["| scene | method | ended | iterations | s | RMS / dent | max / dent | under 1 % from | to the equilibrium | volume | "
+                 "inside before `project` | inverted |",
                  "|---|---|---|---|---|---|---|---|---|---|---|---|"]
         for name, result in results["distance"].items():
             rows = {"equilibrium": result["equilibrium"], **{"loop: " + k: v for k, v in result["loops"].items()}}
             for method, row in rows.items():
                 s = row["stop"]
-                text.append(f"| {name} | {method} | {s['ended']} | {s['iterations']} | {s['seconds']:.2g} | {percent(s['rms'])} | {percent(s['max'])} | "
-                            f"{first_below(row['sweep'])} | {percent(s['to_equilibrium'])} | {percent(s['volume_error'])} | {s['raw_penetration']:.1e} | {s['inverted']} |")
+                text.append(f"| {name} | {method} | {s['ended']} | {s['iterations']} | {s['seconds']:.2g} | {percent(s['rms'])} | "
+                            f"{percent(s['max'])} | {first_below(row['sweep'])} | {percent(s['to_equilibrium'])} | {percent(s['volume_error'])} | {s['raw_penetration']:.1e} | {s['inverted']} |")
     if "depth" in results:
         text += ["", "| scene | depth | tets | to gradient 1e-3 | to rest | s | volume | inverted | off the next depth | loop: off the next depth |", "|---|---|---|---|---|---|---|---|---|---|"]
         for name, rows in results["depth"].items():
