@@ -156,7 +156,7 @@ def seconds_each(study, scene, runs=5):
         scene.equilibrium(nodes, "eq")
         _, (stats,) = study.run("time_" + scene.name, nodes)
         loops.append(stats["times"]["loop"] / 100)
-        solves.append(stats["eq_m.solve_milliseconds"] * 1e-3 / stats["eq_m.iterations"])
+        solves.append(stats["solve_milliseconds"] * 1e-3 / stats["eq_m.iterations"])  # no other node reports it, so that it stands without a name
     return min(loops), min(solves)
 
 
