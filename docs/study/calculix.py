@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Knead's equilibrium against CalculiX on the same tets: the press block, half as deep as docs/convergence.md tells.
+"""Knead's equilibrium against CalculiX on the same tets: the press block of README.md, half as deep.
 
 Needs numpy, CalculiX (Debian: calculix-ccx) and the program press_tets (ninja -C build/release press_tets):
 

@@ -1,5 +1,5 @@
-// The press block for another solver: writes the tets of H, the rigid ball and what `equilibrium` makes of them, so that a finite element program can be
-// run on the very same elements (docs/study/calculix.py).
+// The press block for another solver: writes the tets of H, the rigid ball and what `equilibrium` makes of them, so that a finite element program can
+// be run on the very same elements (docs/study/calculix.py).
 //
 // The block's size is chosen so that H, which sticks out of M a little, is the block [-0.5, 0.5]^2 x [0, 1] itself. M is then H's own boundary, every
 // vertex of M a vertex of H: both programs see contact at the same points of the same body.
