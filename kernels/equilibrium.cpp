@@ -23,11 +23,14 @@ constexpr int kRenewal = 5;                                 // the iteration at 
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr int kDeformedRenewal = 15;                        // the iteration at which the metric follows the body's deformation,
+constexpr int kDeformedInterval = 30;                       // and after how many it does so again,
 constexpr double kDeformed = 0.15;                          // when its energy is above this, over the sum of mu V0
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
 constexpr double kStiffest = 16;                            // at most this much
+constexpr double kStill = 1e-8;                             // a step, in diagonals, that is lost in rounding; after
+constexpr int kStillFor = 5;                                // so many of them it is over
 constexpr float kRoundUp = 1.0001f;
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
@@ -319,7 +322,7 @@ class Solver {
   }
 
   void descend(Evaluation& now) {
-    int since_update = 0;
+    int since_update = 0, still = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
       if (done == kRenewal) {
@@ -329,7 +332,7 @@ class Solver {
         }
         renew_metric();
       }
-      if (done == kDeformedRenewal) renew_for_deformation();
+      if (done % kDeformedInterval == kDeformedRenewal) renew_for_deformation();
       if (done % kBulkInterval == 0 && done > 0) renew_bulk();
       if (!iterate(now)) {
         figures_.ended = "stalled";
@@ -341,6 +344,11 @@ class Solver {
                            figures_.step <= settings_.displacement;
       if (settled && change <= settings_.penetration) {
         figures_.ended = "rest";
+        return;
+      }
+      still = figures_.step <= kStill && change <= settings_.penetration && !contacts_.by_entries() ? still + 1 : 0;
+      if (still == kStillFor) {
+        figures_.ended = "rounding";
         return;
       }
       if ((change > settings_.penetration || std::abs(contacts_.volume_error()) > kVolume) &&

@@ -43,9 +43,9 @@ Only ratios count: twice the stiffness everywhere is the same shape. So stiffnes
 
 It starts from rest and runs L-BFGS over a metric of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept: one sparse Cholesky factor, or for an H of
 more than 5,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
-balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `iterations` or `stalled`. What is
-left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode project. Where no collider is nearer than the gap, M comes out
-untouched.
+balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `rounding` (a touch so light that
+float32 gets it no nearer to balance), `iterations` or `stalled`. What is left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode
+project. Where no collider is nearer than the gap, M comes out untouched.
 The same bits for any number of threads.)";
 
 ElasticTerm term_of(const std::string& name) {
