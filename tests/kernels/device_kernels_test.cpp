@@ -130,8 +130,9 @@ TEST_P(DeviceKernels, Hold) {
     const Buffer<float>*pins, *far_pins, *weights, *far_weights;
   };
   // Moved as a whole, too: the rigid motion is what is taken out.
+  const Buffer<Vec3f> bent = bent_points();
   std::vector<Vec3f> turned;
-  for (const Vec3f& p : bent_points().host()) turned.push_back({0.8f * p.x - 0.6f * p.y + 1, 0.6f * p.x + 0.8f * p.y - 2, p.z + 0.5f});
+  for (const Vec3f& p : bent.host()) turned.push_back({0.8f * p.x - 0.6f * p.y + 1, 0.6f * p.x + 0.8f * p.y - 2, p.z + 0.5f});
   for (const Case& one : {Case{true, nullptr, nullptr, nullptr, nullptr},
                           {false, nullptr, nullptr, &weights, &far_weights},
                           {true, &pins, &far_pins, &weights, &far_weights},
