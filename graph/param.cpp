@@ -32,7 +32,8 @@ std::string ParamTraits<std::string>::parse(const Literal& literal, std::string&
 }
 std::string ParamTraits<Triple>::parse(const Literal& literal, Triple& out) {
   const Literal::List* list = literal.as_list();
-  if (!list || list->size() != 3) return expected("three numbers [x, y, z]", literal);
+  if (!list) return expected("three numbers [x, y, z]", literal);
+  if (list->size() != 3) return "expected three numbers [x, y, z], found " + std::to_string(list->size());
   Triple parsed{};
   for (size_t k = 0; k < 3; ++k)
     if (std::string wrong = ParamTraits<double>::parse((*list)[k], parsed[k]); !wrong.empty()) return "three numbers [x, y, z]: " + wrong;

@@ -46,7 +46,7 @@ class Patch {
     WayIn way;
     find_islands();
     find_normals();
-    way.undecided = islands_ > 0;
+    way.undecided = islands_ > 0 || hit_ == points_.size();
     if (!find_direction()) return way;
     if (islands_ > 0) {
       drop_free_islands(rest_mesh());

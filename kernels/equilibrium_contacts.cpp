@@ -191,10 +191,17 @@ void EquilibriumContacts::find_beginnings(uint32_t k, const Vec3d& entry) {
 
 size_t EquilibriumContacts::enclosed() const {
   if (!rest_.surface.topology || rest_.surface.topology->triangles.empty()) return 0;
+  Vec3f lower = rest_.samples.rest[0], upper = lower;
+  for (const Vec3f& y : rest_.samples.rest) {
+    lower = {std::min(lower.x, y.x), std::min(lower.y, y.y), std::min(lower.z, y.z)};
+    upper = {std::max(upper.x, y.x), std::max(upper.y, y.y), std::max(upper.z, y.z)};
+  }
   size_t count = 0;
   for (size_t k = 0; k < colliders_.size(); ++k) {
     const float* distance = distance_.host().data() + k * samples();
     if (std::any_of(distance, distance + samples(), [](float phi) { return phi < 0; })) continue;
+    const Vec3f c = body_.colliders[k].centre;
+    if (c.x < lower.x || c.y < lower.y || c.z < lower.z || c.x > upper.x || c.y > upper.y || c.z > upper.z) continue;  // most frames without contact
     count += rest_.searchable(executor_).inside(rest_.to_local.apply(to_double(body_.colliders[k].centre)));
   }
   return count;

@@ -209,6 +209,18 @@ TEST(EquilibriumRobust, FollowsABallThatIsSweptIn) {
   EXPECT_EQ(pressed.figures.enclosed, 1u);
 }
 
+TEST(EquilibriumRobust, CountsCollidersWhoseSideCannotBeTold) {
+  Pressed pressed(make_sphere(1, 3));
+  const Sdf above = ball(0.5, {0, 1.2, 0}), around = ball(3, {0.1, 0, 0}), away = ball(0.5, {0, 4, 0});
+  pressed.by({&above}, "a press");
+  EXPECT_EQ(pressed.figures.undecided, 0u);
+  pressed.by({&around}, "a body swallowed", 3);
+  EXPECT_EQ(pressed.figures.undecided, 1u);
+  pressed.by({&away}, "away");
+  EXPECT_EQ(pressed.figures.undecided, 0u);
+  EXPECT_EQ(pressed.figures.enclosed, 0u);
+}
+
 TEST(EquilibriumRobust, TakesPinsEverywhereAndNothingThatHolds) {
   const Surface sphere = make_sphere(1, 2);
   const Sdf collider = ball(0.5, {0, 1.2, 0}), other = ball(0.5, {0, -1.2, 0});
