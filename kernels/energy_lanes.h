@@ -9,11 +9,6 @@
 
 namespace knead {
 
-struct ElasticSum {
-  double energy = 0;
-  float least_volume = 3.4e38f;  // smallest J
-};
-
 struct EnergyLanes {
   // Tets [begin, end), multiples of NeighbourTable::kLaneBlock.
   ElasticSum (*elastic)(const ElasticTets&, uint32_t begin, uint32_t end);

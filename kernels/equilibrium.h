@@ -33,7 +33,8 @@ struct EquilibriumMaterial {
   }
 };
 
-// Tables and the metric: made once, shared by all frames and threads. Throws Error(kMemory), before it starts, when the metric would need more than
+// Tables and the metric: made once, shared by all frames and threads. The host makes them, from a mesh and a lattice in its memory; on a device, which
+// takes copies of them, the metric is always multigrid. Throws Error(kMemory), before it starts, when the metric would need more than
 // the limit; Error(kInput) for paint that is no number or does not fit.
 class EquilibriumRest;
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
@@ -61,6 +62,8 @@ struct EquilibriumSettings {
   double memory_gradient = 0.03;  // or when the relative gradient is below this
   double margin = 0;              // M's local units
   Vec3d entry{0, 0, 0};           // the way that the colliders came in, world; zero: told from the rest shape
+  // On a device: collider k where the host can read it, to find where it came in; asked for only when it touches M at rest.
+  std::function<Sdf(size_t)> on_host;
   std::function<void()> check_cancelled;
 };
 
@@ -80,7 +83,9 @@ struct EquilibriumFigures {
   double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, factor_seconds = 0, seconds = 0;
 };
 
-// H's positions in tet space; the rest buffer itself when nothing is in contact. Starts from rest. Throws Error(kInput) as collide_push does.
+// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. Starts from rest. `rest` is
+// for the same executor. On a device the host reads back one EquilibriumSums an evaluation, and beside that only what it needs to find where colliders
+// came in, and H where the metric is remade for a deformed body; parts of the times are those of launches there. Throws Error(kInput) as collide_push does.
 Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
                                 const EquilibriumSettings& settings, EquilibriumFigures& figures);
 

@@ -12,7 +12,7 @@
 #include "kernels/energy_lanes.h"
 #include "kernels/hold.h"
 #include "kernels/loop_points.h"
-#include "kernels/multigrid.h"
+#include "kernels/multigrid_device.h"
 #include "kernels/neighbour_table.h"
 #include "kernels/parallel.h"
 #include "kernels/sparse_cholesky.h"
@@ -241,8 +241,11 @@ class MetricMaker {
 }  // namespace
 
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
-                                                           const EquilibriumMaterial& material) {
-  require_host(executor, "equilibrium");
+                                                           const EquilibriumMaterial& asked) {
+  const bool on_host = executor.device() == Device{};
+  Executor& host = on_host ? executor : stand_in();  // what is made once is made there
+  EquilibriumMaterial material = asked;
+  if (!on_host) material.metric = MetricKind::kMultigrid;
   require_size(lattice.tet_rest.size(), tets.vertices(), "equilibrium", "vertices in the lattice", "vertices of the tet mesh");
   const auto start = std::chrono::steady_clock::now();
   auto made = std::make_shared<EquilibriumRest>();
@@ -251,7 +254,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.term = material.term;
   rest.places = n;
   rest.rows = (n + 15) / 16 * 16;
-  rest.rest = tets.rest;
+  rest.device = executor.device();
+  rest.rest = on_host ? tets.rest : placed_copy(executor, tets.rest.host());
   rest.to_local = lattice.to_local;
   rest.surface = lattice.rest;
   rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
@@ -259,23 +263,23 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   Assembly a{tets,
              lattice,
              material,
-             painted(executor, material.stiffness_weights, lattice, "stiffness weights", false),
-             painted(executor, material.volume_weights, lattice, "volume weights", false),
+             painted(host, material.stiffness_weights, lattice, "stiffness weights", false),
+             painted(host, material.volume_weights, lattice, "volume weights", false),
              std::vector<double>(n, 0)};
   for (float& w : a.stiffness) w = std::max(w, 1e-3f);  // no stiffness at all is no shape at all
-  const std::vector<float> hold = painted(executor, material.hold_weights, lattice, "hold weights", false);
-  const std::vector<float> pins = painted(executor, material.pins, lattice, "pins", true);
+  const std::vector<float> hold = painted(host, material.hold_weights, lattice, "hold weights", false);
+  const std::vector<float> pins = painted(host, material.pins, lattice, "pins", true);
   for (size_t t = 0; t < tets.tets.size(); ++t)
     for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
 
-  const MetricMaker metric(executor, tets, material);
+  const MetricMaker metric(host, tets, material);
   rest.figures.order_seconds = seconds_since(start);
   rest.vertex_at = metric.order();
   std::vector<uint32_t> place(n);
   for (uint32_t p = 0; p < n; ++p) place[metric.order()[p]] = p;
   make_tet_tables(a, place, rest);
   material.check();
-  rest.samples = make_samples(lattice, place, material.contact_samples);
+  rest.samples = make_samples(lattice, place, material.contact_samples, !on_host);
   material.check();
 
   rest.hold.resize(n);
@@ -301,9 +305,41 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
   metric.make(rest, std::move(edges));
+  if (!on_host) {
+    auto there = std::make_unique<DeviceMultigrid>(executor, dynamic_cast<const Multigrid&>(*rest.metric));
+    rest.figures.metric_bytes = there->bytes() + 4.0 * static_cast<double>(there->scratch_floats());
+    rest.metric = std::move(there);
+  }
+  rest.place_tables(executor);
   rest.figures.metric_seconds = seconds_since(before_metric);
   rest.figures.seconds = seconds_since(start);
   return made;
+}
+
+void EquilibriumRest::place_tables(Executor& executor) {
+  const auto place = [&](const auto& table) { return placed_(executor, table); };
+  on.corners = place(corners.host());
+  on.slot_offsets = place(slot_offsets);
+  on.slots = place(slots);
+  on.offsets = place(samples.offsets);
+  on.indices = place(samples.indices);
+  on.back_offsets = place(samples.back_offsets);
+  on.back_samples = place(samples.back_samples);
+  on.fan_offsets = place(fan_offsets);
+  on.fans = place(fans);
+  on.vertex_at = place(vertex_at);
+  on.shape = place(shape.host());
+  on.mu = place(mu.host());
+  on.lambda = place(lambda.host());
+  on.hold = place(hold);
+  on.free = place(free);
+  on.weights = place(samples.weights);
+  on.area = place(samples.area);
+  on.back_weights = place(samples.back_weights);
+  on.metric_diagonal = place(metric_diagonal);
+  on.rest = rest.view(executor.device()).data();
+  on.sample_rest = place(samples.rest);
+  executor.synchronise();  // other threads use them
 }
 
 const MeshDistance& EquilibriumRest::searchable(Executor& executor) const {

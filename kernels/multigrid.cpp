@@ -13,11 +13,59 @@ namespace {
 constexpr uint32_t kCoarsest = 300;   // nodes that are few enough for a factor
 constexpr double kWorthAGrid = 0.4;   // of the nodes: a grid with more is left out, and the next one tried
 constexpr int kDegree = 3;            // of the smoother
-constexpr float kShift = 1e-5f;       // of the coarsest diagonal: trilinear weights may be linearly dependent
 constexpr size_t kRows = 2048;        // per piece
 constexpr int32_t kWidest = 1 << 20;  // spacing
 
+// A body over rows: on a device itself, else the code for the processor's lanes.
+template <class Body>
+void run_rows(Executor& executor, uint32_t n, const Body& body, void (*run)(const Body&, size_t, size_t)) {
+  if (executor.device() != Device{}) return executor.launch(body, n);
+  executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { run(body, begin, end); });
+}
+
+// Step k of the smoother's polynomial. A first step knows no x before: x takes its place and the factors make up for it.
+void smooth_step(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int k, bool first, const Row4* right, const Row4* before,
+                 const Row4* now, Row4* to) {
+  const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
+  const float by = static_cast<float>(8 * k - 4) / static_cast<float>(2 * k + 1);
+  const float keep = first ? 1 + 2 * again : 1 + again;
+  run_rows(executor, level.size, Smooth{level.a, keep, again, by, right, first ? now : before, now, to}, lanes.smooth);
+}
+
 }  // namespace
+
+void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now,
+                      Row4*& other) {
+  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a.inverse, 4.0f / 3, right, now}, kRows);
+  for (int k = 2; k <= degree; ++k) {
+    smooth_step(executor, lanes, level, k, k == 2, right, other, now, other);
+    std::swap(now, other);
+  }
+}
+
+void multigrid_cycle(Executor& executor, const EnergyLanes& lanes, std::span<const MultigridLevel> levels,
+                     FunctionRef<void(Row4* x, Row4* work)> coarsest, Row4* x, Row4* work) {
+  const MultigridLevel& level = levels.front();
+  if (levels.size() == 1) return coarsest(x, work);
+  const uint32_t n = level.size, m = levels[1].size;
+  Row4 *now = work, *other = now + MultigridLevel::padded(n), *coarse = other + MultigridLevel::padded(n);
+  smooth_from_zero(executor, lanes, level, kDegree, x, now, other);
+  run_rows(executor, n, Residual{level.a, x, now, other}, lanes.residual);
+  parallel_for(executor, m, "multigrid_restrict", Restrict{level.down, other, coarse}, kRows);
+  multigrid_cycle(executor, lanes, levels.subspan(1), coarsest, coarse, coarse + MultigridLevel::padded(m));
+  parallel_for(executor, n, "multigrid_prolong", Prolong{level.up, coarse, now}, kRows);
+  for (int k = 1; k < kDegree; ++k) {
+    smooth_step(executor, lanes, level, k, k == 1, x, other, now, other);
+    std::swap(now, other);
+  }
+  smooth_step(executor, lanes, level, kDegree, kDegree == 1, x, other, now, x);
+}
+
+size_t multigrid_work(std::span<const MultigridLevel> levels) {
+  size_t rows = 0;
+  for (size_t level = 0; level + 1 < levels.size(); ++level) rows += (level == 0 ? 2 : 3) * MultigridLevel::padded(levels[level].size);
+  return rows;
+}
 
 MatrixRows Multigrid::matrix(size_t level) const {
   const SparseRows& pattern = (*grids_)[level].matrix;
@@ -25,30 +73,28 @@ MatrixRows Multigrid::matrix(size_t level) const {
   return {pattern.offsets.data(), pattern.index.data(), values.entries->data(), values.diagonal.data(), values.inverse.data()};
 }
 
-void Multigrid::set_fine(std::span<const float> entries, std::span<const float> diagonal) {
-  const SparseRows& pattern = grids_->front().matrix;
-  auto by_row = std::make_shared<std::vector<float>>(pattern.index.size());
+std::vector<float> Multigrid::by_row(const SparseRows& pattern, std::span<const float> by_edge) {
+  std::vector<float> values(pattern.index.size());
   std::vector<uint32_t> cursor(pattern.offsets.begin(), pattern.offsets.end() - 1);
   size_t edge = 0;  // those of a row lie behind its lower neighbours, in the order of the edges
   for (uint32_t p = 0; p < pattern.rows(); ++p)
     for (uint32_t e = cursor[p]; e < pattern.offsets[p + 1]; ++e, ++edge) {
-      (*by_row)[e] = entries[edge];
-      (*by_row)[cursor[pattern.index[e]]++] = entries[edge];
+      values[e] = by_edge[edge];
+      values[cursor[pattern.index[e]]++] = by_edge[edge];
     }
+  return values;
+}
+
+void Multigrid::set_fine(std::span<const float> entries, std::span<const float> diagonal) {
   values_.resize(1);
-  values_[0].entries = std::move(by_row);
+  values_[0].entries = std::make_shared<const std::vector<float>>(by_row(grids_->front().matrix, entries));
   values_[0].diagonal.assign(diagonal.begin(), diagonal.end());
 }
 
 void Multigrid::make_inverse(Executor& executor, size_t level) {
-  Values& values = values_[level];
-  const SparseRows& pattern = (*grids_)[level].matrix;
-  values.inverse.resize(pattern.rows());
-  parallel_for(executor, pattern.rows(), "multigrid_inverse", [&](uint32_t p) {
-    float sum = values.diagonal[p];
-    for (uint32_t e = pattern.offsets[p]; e < pattern.offsets[p + 1]; ++e) sum += std::abs((*values.entries)[e]);
-    values.inverse[p] = 1 / sum;
-  });
+  std::vector<float>& inverse = values_[level].inverse;
+  inverse.resize(size(level));
+  parallel_for(executor, inverse.size(), "multigrid_inverse", InverseOfRows{matrix(level), inverse.data()});
 }
 
 SparseRows Multigrid::galerkin(Executor& executor, size_t level) const {
@@ -211,54 +257,28 @@ std::unique_ptr<Metric> Multigrid::renewed(Executor& executor, const EnergyLanes
   return made;
 }
 
-size_t Multigrid::scratch_floats() const {
-  size_t rows = 0;
-  for (size_t level = 0; level + 1 < levels(); ++level) rows += (level == 0 ? 2 : 3) * padded(size(level));
-  return 4 * (rows + padded(size(levels() - 1)) + factor_->solve_rows()) + factor_->scratch_floats();
+std::vector<MultigridLevel> Multigrid::views() const {
+  std::vector<MultigridLevel> views;
+  for (size_t level = 0; level < levels(); ++level) {
+    const SparseRows &up = (*grids_)[level].up, &down = (*grids_)[level].down;
+    views.push_back({static_cast<uint32_t>(size(level)), matrix(level), {up.offsets.data(), up.index.data(), up.value.data()},
+                     {down.offsets.data(), down.index.data(), down.value.data()}});
+  }
+  return views;
 }
 
-// x <- M x, in place.
-void Multigrid::cycle(Executor& executor, const EnergyLanes& lanes, size_t level, Row4* x, Row4* work) const {
-  const Grid& grid = (*grids_)[level];
-  const uint32_t n = grid.size();
-  if (level + 1 == levels()) {
-    for (uint32_t p = 0; p < n; ++p) work[coarsest_->place[p]] = x[p];
-    factor_->solve(executor, lanes, work, &work[factor_->solve_rows()].x);
-    for (uint32_t p = 0; p < n; ++p) x[p] = work[coarsest_->place[p]];
-    return;
-  }
-  Row4 *now = work, *other = now + padded(n), *coarse = other + padded(n);
-  const MatrixRows a = matrix(level);
-  // Step k of the polynomial. A first step knows no x before: x takes its place and the factors make up for it.
-  const auto smooth = [&](int k, bool first, Row4* to) {
-    const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
-    const float by = static_cast<float>(8 * k - 4) / static_cast<float>(2 * k + 1);
-    const float keep = first ? 1 + 2 * again : 1 + again;
-    const Smooth body{a, keep, again, by, x, first ? now : other, now, to};
-    executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { lanes.smooth(body, begin, end); });
-  };
-  parallel_for(executor, n, "multigrid_start", SmoothStart{a.inverse, 4.0f / 3, x, now}, kRows);
-  for (int k = 2; k <= kDegree; ++k) {
-    smooth(k, k == 2, other);
-    std::swap(now, other);
-  }
-  const Residual residual{a, x, now, other};
-  executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { lanes.residual(residual, begin, end); });
-  const uint32_t m = (*grids_)[level + 1].size();
-  const GridWeights down{grid.down.offsets.data(), grid.down.index.data(), grid.down.value.data()};
-  const GridWeights up{grid.up.offsets.data(), grid.up.index.data(), grid.up.value.data()};
-  parallel_for(executor, m, "multigrid_restrict", Restrict{down, other, coarse}, kRows);
-  cycle(executor, lanes, level + 1, coarse, coarse + padded(m));
-  parallel_for(executor, n, "multigrid_prolong", Prolong{up, coarse, now}, kRows);
-  for (int k = 1; k < kDegree; ++k) {
-    smooth(k, k == 1, other);
-    std::swap(now, other);
-  }
-  smooth(kDegree, kDegree == 1, x);
+size_t Multigrid::scratch_floats() const {
+  return 4 * (multigrid_work(views()) + padded(size(levels() - 1)) + factor_->solve_rows()) + factor_->scratch_floats();
 }
 
 void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const {
-  cycle(executor, lanes, 0, x, reinterpret_cast<Row4*>(scratch));
+  const auto coarsest = [&](Row4* right, Row4* work) {
+    const size_t n = size(levels() - 1);
+    for (size_t p = 0; p < n; ++p) work[coarsest_->place[p]] = right[p];
+    factor_->solve(executor, lanes, work, &work[factor_->solve_rows()].x);
+    for (size_t p = 0; p < n; ++p) right[p] = work[coarsest_->place[p]];
+  };
+  multigrid_cycle(executor, lanes, views(), coarsest, x, reinterpret_cast<Row4*>(scratch));
 }
 
 double Multigrid::bytes() const {

@@ -17,6 +17,22 @@
 
 namespace knead {
 
+// A grid as a cycle sees it, where the executor runs; the finest first, and the coarsest without `up` and `down`.
+struct MultigridLevel {
+  uint32_t size;
+  MatrixRows a;
+  GridWeights up{}, down{};  // from and to the next coarser grid
+  static size_t padded(size_t rows) { return (rows + 15) / 16 * 16; }
+};
+
+// x <- M x, in place. `coarsest` solves on the coarsest grid, in place too.
+void multigrid_cycle(Executor& executor, const EnergyLanes& lanes, std::span<const MultigridLevel> levels,
+                     FunctionRef<void(Row4* x, Row4* work)> coarsest, Row4* x, Row4* work);
+// Rows of work that a cycle takes, beside what `coarsest` does.
+size_t multigrid_work(std::span<const MultigridLevel> levels);
+// `degree` steps of the smoother from zero towards A^-1 right; the result is in `now`.
+void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now, Row4*& other);
+
 class Multigrid : public Metric {
  public:
   // Of the matrix with these entries, by edge, and this diagonal. `edges`: lower vertex first, rising. Vertices that are not `free` must have no
@@ -39,6 +55,8 @@ class Multigrid : public Metric {
   static double expected_bytes(size_t vertices, size_t edges) { return 400.0 * static_cast<double>(vertices) + 24.0 * static_cast<double>(edges); }
 
  private:
+  friend class DeviceMultigrid;
+  static constexpr float kShift = 1e-5f;  // of the coarsest diagonal: trilinear weights may be linearly dependent
   struct Grid {
     SparseRows matrix;    // which entries there are beside the diagonal; without values
     SparseRows up, down;  // to and from the next coarser grid; none on the coarsest
@@ -55,15 +73,16 @@ class Multigrid : public Metric {
   };
 
   Multigrid() = default;
-  static size_t padded(size_t rows) { return (rows + 15) / 16 * 16; }
+  static size_t padded(size_t rows) { return MultigridLevel::padded(rows); }
   MatrixRows matrix(size_t level) const;
+  std::vector<MultigridLevel> views() const;
+  static std::vector<float> by_row(const SparseRows& pattern, std::span<const float> by_edge);
   void set_fine(std::span<const float> entries, std::span<const float> diagonal);
   SparseRows galerkin(Executor& executor, size_t level) const;
   void take(size_t level, const SparseRows& product, bool first);
   void make_inverse(Executor& executor, size_t level);
   void factor_coarsest(Executor& executor, const EnergyLanes& lanes, const std::function<void()>& check);
   void add_to_coarse(size_t level, std::span<const uint32_t> changed, std::span<const float> by);
-  void cycle(Executor& executor, const EnergyLanes& lanes, size_t level, Row4* x, Row4* work) const;
 
   std::shared_ptr<std::vector<Grid>> grids_;  // H's vertices first
   std::shared_ptr<Coarsest> coarsest_;
