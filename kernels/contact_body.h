@@ -43,7 +43,7 @@ struct ContactEnergy {
   float stiffness;  // kc, per cell
   float gap;        // where a push begins, cells; 0: at touch
   float gentle;     // how steep the push is there, relative to `stiffness`
-  float friction;   // the pull along the collider's surface, at most, over the push that is remembered; 0: none, then the next three are null
+  float friction;   // the pull along the collider's surface, at most, over the push that is remembered; 0: none, then `stuck` and `began` are null
   Row4* normal;     // [colliders][samples] out of the collider, unit
   const Row4* stuck;    // [colliders][samples] `normal` when the memory was updated
   const float* began;  // [colliders][samples] how far along `entry` from rest the contact began, cells; negative: it is not known
@@ -142,7 +142,7 @@ struct ContactEnergy {
         ++sum.active;
         const Vec3f out = by_entry ? entry[k] : c.scale * CollidePush::from_index(c, slope);
         push -= pull * out;
-        if (friction > 0) normal[at] = to_row((1 / fmaxf(length(out), 1e-20f)) * out);
+        normal[at] = to_row((1 / fmaxf(length(out), 1e-20f)) * out);
       }
       if (friction > 0 && lambda > 0 && began[at] >= 0) {
         Vec3f back{0, 0, 0};
@@ -158,14 +158,17 @@ struct ContactEnergy {
   }
   KNEAD_HD void finish(const ContactSum& sum) const { *result = sum; }
 
-  // What sample s is worth to a metric's diagonal, over `stiffness` and its area: how steep its pushes are.
-  KNEAD_HD float steepness(uint32_t s) const {
-    float sum = 0;
+  // Adds sample s's part of the second derivative by its own place, times `by`, to a block: pushes along the colliders' normals, and what friction holds.
+  KNEAD_HD void add_block(uint32_t s, float by, float* block) const {
     for (uint32_t k = 0; k < count; ++k) {
       const size_t at = static_cast<size_t>(k) * samples + s;
-      sum += push_of(memory[at] - distance[at]).slope;
+      const float slope = push_of(memory[at] - distance[at]).slope;
+      if (!(slope > 0)) continue;
+      const float pull = by * stiffness * area[s] * slope;
+      const float n[3] = {normal[at].x, normal[at].y, normal[at].z};
+      for (uint32_t c = 0; c < 3; ++c)
+        for (uint32_t r = 0; r < 3; ++r) block[3 * c + r] += pull * (friction > 0 ? (r == c ? 1.0f : 0.0f) : n[r] * n[c]);
     }
-    return sum;
   }
 };
 
@@ -197,19 +200,19 @@ struct ContactMemory {
   }
 };
 
-// A metric's diagonal with the samples that push, on a device: kc a w, lumped.
-struct ContactDiagonal {
-  static constexpr const char* kKernel = "contact_diagonal";
+// What the samples that push add to the diagonal of a metric, lumped: a block by place of H.
+struct ContactBlocks {
+  static constexpr const char* kKernel = "contact_blocks";
   ContactEnergy contact;
   const uint32_t *back_offsets, *back_samples;  // by place
-  const float *back_weights, *free, *without;
+  const float *back_weights, *free;
   float share;
-  float* diagonal;
+  float* blocks;
   KNEAD_HD void operator()(uint32_t p) const {
-    float sum = 0;
-    for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e)
-      sum += contact.area[back_samples[e]] * contact.steepness(back_samples[e]) * back_weights[e];
-    diagonal[p] = without[p] + (free[p] != 0 ? share * contact.stiffness * sum : 0.0f);
+    float* block = blocks + 9 * static_cast<size_t>(p);
+    for (uint32_t k = 0; k < 9; ++k) block[k] = 0;
+    if (free[p] == 0) return;
+    for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e) contact.add_block(back_samples[e], share * back_weights[e], block);
   }
 };
 

@@ -5,6 +5,7 @@
 #include "kernels/elastic_body.h"
 #include "kernels/enforce_stiffness_body.h"
 #include "kernels/gather_forces_body.h"
+#include "kernels/hessian_body.h"
 #include "kernels/history_body.h"
 #include "kernels/lattice_map_body.h"
 #include "kernels/loop_points.h"

@@ -2,7 +2,6 @@
 #pragma once
 #include "kernels/equilibrium_contacts.h"
 #include "kernels/history_body.h"
-#include "kernels/metric.h"
 #include "kernels/rows.h"
 
 namespace knead {
@@ -14,9 +13,9 @@ class DeviceDirection {
   // The pair of the newest slot.
   void remember(const Ring& ring, Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after);
   // What the enclosed volume adds to `metric`.
-  void renew_bulk(const Metric& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, float* scratch);
+  void renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, Row4* work);
   // direction <- -(metric of the pairs) gradient; `slope`: their product, in the device's memory.
-  void make(const Ring& ring, const Metric& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope, float* scratch);
+  void make(const Ring& ring, const Multigrid& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work);
 
  private:
   PairRows pairs();

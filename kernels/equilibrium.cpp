@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 
 #include "graph/error.h"
 #include "kernels/device_direction.h"
@@ -67,13 +68,13 @@ class Solver {
         trial_(executor, rest.rows),
         gradient_(executor, rest.rows),
         trial_gradient_(executor, rest.rows),
-        direction_(executor, rest.metric->solve_rows()),
+        direction_(executor, rest.grids->solve_rows()),
         forces_(executor, 4 * rest.stride),
         bulk_(executor, rest.rows),
-        bulk_solved_(executor, rest.metric->solve_rows()),
+        bulk_solved_(executor, rest.grids->solve_rows()),
         listed_at_(executor, rest.rows),
-        diagonal_(rest.places, executor.memory()),
-        scratch_(rest.metric->scratch_floats() + 16, executor.memory()) {
+        blocks_(kBlock * size_t{rest.places}, executor.memory()),
+        work_(rest.grids->work_rows(), executor.memory()) {
     seen_.volume.stiffness = contacts_.volume_stiffness();
     if (executor.device() != Device{}) {
       device_ = std::make_unique<DeviceDirection>(executor, rest);
@@ -215,31 +216,23 @@ class Solver {
 
   double relative(const Evaluation& at) const { return at.load > 0 ? at.gradient / at.load : 0; }
 
-  // P with the samples that push now: kc a w on the diagonal, lumped, the same for x, y and z.
+  // Of the shape that the Hessian was last made for, with the samples that push now.
   void renew_metric() {
-    ScopedTime time(figures_.factor_seconds);
-    float* diagonal = diagonal_.data_for_write();
-    contacts_.make_diagonal(deformed_ ? deformed_diagonal_.view(executor_.device()).data() : rest_.on.metric_diagonal,
-                            static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts), diagonal);
-    metric_ = (deformed_ ? *deformed_ : *rest_.metric).renewed(executor_, lanes_, {diagonal, rest_.places}, settings_.check_cancelled);
-    ++figures_.factors;
+    {
+      ScopedTime time(figures_.factor_seconds);
+      float* blocks = blocks_.data_for_write();
+      contacts_.make_blocks(static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts), blocks);
+      metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_ ? *deformed_ : rest_.hessian, blocks);
+      ++figures_.factors;
+    }
     renew_bulk();
   }
 
   // A body that is deformed throughout has little to do with the rest shape's metric.
   void renew_for_deformation() {
-    if (seen_.elastic.energy < kDeformed * rest_.stiffness) return;
     {
       ScopedTime time(figures_.factor_seconds);
-      std::vector<Row4> on_host(device_ ? rest_.places : 0);
-      if (device_) {
-        executor_.copy(u_.data(), executor_.device(), on_host.data(), Device{}, on_host.size() * sizeof(Row4));
-        executor_.synchronise();
-      }
-      std::vector<float> entries, diagonal;
-      rest_.metric_at(device_ ? on_host.data() : u_.data(), entries, diagonal);
-      deformed_ = rest_.metric->remade(executor_, lanes_, entries, diagonal, settings_.check_cancelled);
-      deformed_diagonal_ = placed_copy(executor_, std::span<const float>(diagonal));
+      deformed_ = rest_.hessian_at(executor_, u_.data());
       scale_ = 1;
     }
     renew_metric();
@@ -247,7 +240,7 @@ class Solver {
 
   void apply_metric(Rows& x) {
     ScopedTime time(figures_.solve_seconds);
-    metric_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, x.data(), work_.data_for_write());
     if (!contacts_.keeps_volume()) return;
     // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
     const double along = math_.dot(bulk_.floats(), x.floats(), floats());
@@ -256,10 +249,10 @@ class Solver {
 
   void renew_bulk() {
     if (!contacts_.keeps_volume()) return;
-    if (device_) return device_->renew_bulk(*metric_, lanes_, contacts_, scratch_.data_for_write());
+    if (device_) return device_->renew_bulk(*metric_, lanes_, contacts_, work_.data_for_write());
     contacts_.volume_gradient(bulk_.data());
     std::copy_n(bulk_.data(), rest_.rows, bulk_solved_.data());
-    metric_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, bulk_solved_.data(), work_.data_for_write());
     bulk_factor_ = 1 / (contacts_.volume_compliance() + math_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
   }
 
@@ -268,7 +261,7 @@ class Solver {
   // direction_ <- -(metric of the last pairs) gradient; the sums have the slope along it.
   void make_direction() {
     if (device_)
-      return device_->make(ring(), *metric_, lanes_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, scratch_.data_for_write());
+      return device_->make(ring(), *metric_, lanes_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, work_.data_for_write());
     float* d = direction_.floats();
     std::copy_n(gradient_.floats(), floats(), d);
     double weight[kMemory];
@@ -431,15 +424,15 @@ class Solver {
   double over_[kMemory] = {};  // 1 / s.y
   int pairs_ = 0, newest_ = kMemory - 1;
   std::unique_ptr<DeviceDirection> device_;  // in place of all that the pairs need on the host
-  Buffer<float> diagonal_, scratch_;
+  Buffer<float> blocks_;
+  Buffer<Row4> work_;
   std::vector<ElasticSum> parts_;
   double bulk_factor_ = 0, scale_ = 1;
   int updates_since_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
-  Buffer<float> deformed_diagonal_;
-  std::unique_ptr<Metric> deformed_;  // in place of the rest shape's, once the body has little to do with it
-  std::unique_ptr<Metric> metric_;    // of this frame's contacts
+  std::optional<Hessian> deformed_;     // in place of the rest shape's
+  std::unique_ptr<Multigrid> metric_;  // of this frame's contacts
 };
 
 }  // namespace

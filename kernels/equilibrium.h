@@ -11,9 +11,6 @@
 
 namespace knead {
 
-// What stands for the energy's second derivative: one sparse factor, or a multigrid cycle where H is large or the factor would not fit.
-enum class MetricKind { kAuto, kFactor, kMultigrid };
-
 // What belongs to the rest shape. Paint is per vertex of M, null where there is none; it reaches H as kernels/hold.h says.
 struct EquilibriumMaterial {
   ElasticTerm term = ElasticTerm::kStableNeoHookean;
@@ -25,7 +22,6 @@ struct EquilibriumMaterial {
   const Buffer<float>* pins = nullptr;
   bool keep_volume = true;  // M as a whole keeps the volume that it encloses
   int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
-  MetricKind metric = MetricKind::kAuto;
   double memory_limit = 4e9;  // bytes for the metric
   std::function<void()> check_cancelled;
   void check() const {
@@ -42,11 +38,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
 
 struct RestFigures {
   size_t vertices = 0, tets = 0, samples = 0;
-  std::string metric;        // factor, multigrid
-  size_t factor_values = 0;  // of a factor
-  double factor_flops = 0;   // of a factor
   double metric_bytes = 0;   // the metric and what it keeps for a frame's own
-  double order_seconds = 0, metric_seconds = 0, seconds = 0;
+  double metric_seconds = 0, seconds = 0;
 };
 const RestFigures& figures_of(const EquilibriumRest& rest);
 

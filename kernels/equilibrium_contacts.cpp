@@ -62,11 +62,11 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
   body_.gap = static_cast<float>(settings.gap * rest_.diagonal);
   body_.friction = static_cast<float>(settings.friction);
+  normal_ = filled<Row4>(executor_, memory_.size());
+  body_.normal = normal_.data_for_write();
   if (settings.friction > 0) {
-    normal_ = filled<Row4>(executor_, memory_.size());
     stuck_ = filled<Row4>(executor_, memory_.size());
     began_ = filled<float>(executor_, memory_.size(), std::bit_cast<uint32_t>(-1.0f));
-    body_.normal = normal_.data_for_write();
     body_.stuck = stuck_.data_for_write();
     body_.began = began_.data_for_write();
   }
@@ -246,18 +246,14 @@ void EquilibriumContacts::stiffen(float by) {
   parallel_for(executor_, body_.count * samples(), "scale_floats", ScaleFloats{memory_.data_for_write(), 1 / by});
 }
 
-void EquilibriumContacts::make_diagonal(const float* without, float share, float* diagonal) const {
+void EquilibriumContacts::make_blocks(float share, float* blocks) const {
   const RestTables& s = rest_.on;
   if (!on_host())
-    return executor_.launch(ContactDiagonal{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, without, share, diagonal}, rest_.places);
-  std::copy_n(without, rest_.places, diagonal);
-  for (const uint32_t i : list_) {
-    const float slope = body_.steepness(i);
-    if (!(slope > 0)) continue;
-    const float weight = share * slope * body_.stiffness * s.area[i];
+    return executor_.launch(ContactBlocks{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, share, blocks}, rest_.places);
+  std::fill_n(blocks, 9 * size_t{rest_.places}, 0.0f);
+  for (const uint32_t i : list_)
     for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
-      if (s.free[s.indices[e]] != 0) diagonal[s.indices[e]] += weight * s.weights[e];
-  }
+      if (s.free[s.indices[e]] != 0) body_.add_block(i, share * s.weights[e], blocks + 9 * size_t{s.indices[e]});
 }
 
 // The gradient of what M's enclosed volume costs goes to the samples' forces.

@@ -43,8 +43,8 @@ class EquilibriumContacts {
   // Stiffer contacts under the same forces.
   void stiffen(float by);
 
-  // The metric's diagonal, by place, with what the samples that push are worth.
-  void make_diagonal(const float* without, float share, float* diagonal) const;
+  // What the samples that push add to the diagonal of a metric: blocks by place (kernels/multigrid_body.h), in the executor's memory.
+  void make_blocks(float share, float* blocks) const;
 
   bool keeps_volume() const { return !rest_.fans.empty(); }
   double volume_error() const { return seen_.volume.error; }

@@ -6,7 +6,7 @@
 
 #include "kernels/equilibrium.h"
 #include "kernels/mesh_distance.h"
-#include "kernels/metric.h"
+#include "kernels/multigrid.h"
 #include "kernels/placed.h"
 
 namespace knead {
@@ -27,7 +27,7 @@ struct SampleTable {
 // The tables that kernels read, in the memory of the executor that they run on; the names are those of EquilibriumRest and SampleTable.
 struct RestTables {
   const uint32_t *corners, *slot_offsets, *slots, *offsets, *indices, *back_offsets, *back_samples, *fan_offsets, *fans, *vertex_at;
-  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *back_weights, *metric_diagonal;
+  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *back_weights;
   const Vec3f *rest, *sample_rest;
 };
 
@@ -44,7 +44,6 @@ class EquilibriumRest {
   Buffer<uint32_t> corners;         // [4][stride]
   Buffer<float> shape, mu, lambda;
   size_t edges = 0;                           // of H
-  std::vector<uint32_t> tet_edges;            // [tets][6]
   std::vector<uint32_t> slot_offsets, slots;  // by place: which rows of the tets' forces act on it
   std::vector<float> hold;                    // by place, cells^-2 times cells^3
   std::vector<float> free;                    // 1, or 0 for a pinned place
@@ -58,14 +57,12 @@ class EquilibriumRest {
   Surface surface;                          // M
   const MeshDistance& searchable(Executor& executor) const;  // M, for ray casts: made when it is first asked for
   double contact_scale = 1;                 // kc of `contact` = 1, per cell
-  std::vector<float> metric_diagonal;       // P's, by place
-  std::unique_ptr<const Metric> metric;     // of P without contacts
+  std::unique_ptr<const MultigridGrids> grids;
+  Hessian hessian;  // at rest
   RestFigures figures;
 
-  // The metric P with H displaced by u (null: at rest), without contacts: entries by edge, and the diagonal by place. Each tet's part of the elastic
-  // Hessian is taken as mu n_i.n_j + lambda (C n_i).(C n_j), the same for x, y and z, with n the gradients of the shape functions and C the
-  // cofactors of the deformation, which turn and stretch with it.
-  void metric_at(const Row4* u, std::vector<float>& entries, std::vector<float>& diagonal) const;
+  // The second derivative with H displaced by u, in the executor's memory; null: at rest.
+  Hessian hessian_at(Executor& executor, const Row4* u) const;
 
   void place_tables(Executor& executor);
 

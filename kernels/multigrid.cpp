@@ -4,17 +4,21 @@
 #include <cmath>
 
 #include "kernels/energy_lanes.h"
-#include "kernels/nested_dissection.h"
 #include "kernels/parallel.h"
 
 namespace knead {
 namespace {
 
-constexpr uint32_t kCoarsest = 300;   // nodes that are few enough for a factor
+constexpr uint32_t kCoarsest = 40;    // nodes that are few enough for a dense inverse,
+constexpr uint32_t kDense = 200;      // and the most of them when there is no coarser grid
 constexpr double kWorthAGrid = 0.4;   // of the nodes: a grid with more is left out, and the next one tried
-constexpr int kDegree = 3;            // of the smoother
-constexpr size_t kRows = 2048;        // per piece
+constexpr int kDegree = 2;            // of the smoother
+constexpr int kCoarsestDegree = 16;   // where the coarsest grid is too large for an inverse
+constexpr float kShift = 1e-5f;       // of the coarsest diagonal: trilinear weights may be linearly dependent
+constexpr size_t kRows = 512;         // per piece
 constexpr int32_t kWidest = 1 << 20;  // spacing
+constexpr int kMeasure = 20;          // steps towards a largest eigenvalue,
+constexpr float kSafety = 1.25f;      // and how much larger it may be, after them and in another shape
 
 // A body over rows: on a device itself, else the code for the processor's lanes.
 template <class Body>
@@ -27,268 +31,239 @@ void run_rows(Executor& executor, uint32_t n, const Body& body, void (*run)(cons
 void smooth_step(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int k, bool first, const Row4* right, const Row4* before,
                  const Row4* now, Row4* to) {
   const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
-  const float by = static_cast<float>(8 * k - 4) / static_cast<float>(2 * k + 1);
+  const float by = static_cast<float>(8 * k - 4) / (static_cast<float>(2 * k + 1) * level.largest);
   const float keep = first ? 1 + 2 * again : 1 + again;
   run_rows(executor, level.size, Smooth{level.a, keep, again, by, right, first ? now : before, now, to}, lanes.smooth);
 }
 
-}  // namespace
-
+// `degree` steps of the smoother from zero towards A^-1 right; the result is in `now`.
 void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now,
                       Row4*& other) {
-  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a.inverse, 4.0f / 3, right, now}, kRows);
+  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a, 4 / (3 * level.largest), right, now}, kRows);
   for (int k = 2; k <= degree; ++k) {
     smooth_step(executor, lanes, level, k, k == 2, right, other, now, other);
     std::swap(now, other);
   }
 }
 
-void multigrid_cycle(Executor& executor, const EnergyLanes& lanes, std::span<const MultigridLevel> levels,
-                     FunctionRef<void(Row4* x, Row4* work)> coarsest, Row4* x, Row4* work) {
-  const MultigridLevel& level = levels.front();
-  if (levels.size() == 1) return coarsest(x, work);
-  const uint32_t n = level.size, m = levels[1].size;
+SparseRows pattern_of(const std::vector<std::array<uint32_t, 2>>::size_type rows, std::span<const std::array<uint32_t, 2>> edges) {
+  SparseRows pattern;
+  pattern.offsets.assign(rows + 1, 0);
+  for (const auto& [a, b] : edges) ++pattern.offsets[a + 1], ++pattern.offsets[b + 1];
+  for (size_t p = 0; p < rows; ++p) pattern.offsets[p + 1] += pattern.offsets[p];
+  pattern.index.resize(2 * edges.size());
+  std::vector<uint32_t> cursor(pattern.offsets.begin(), pattern.offsets.end() - 1);
+  for (const auto& [a, b] : edges) {
+    pattern.index[cursor[a]++] = b;
+    pattern.index[cursor[b]++] = a;
+  }
+  return pattern;
+}
+
+// Which entries P^T A P has beside the diagonal.
+SparseRows coarse_pattern(Executor& host, const SparseRows& fine, const CoarseGrid& grid) {
+  const uint32_t coarse = grid.down.rows();
+  const auto ones = [](SparseRows a) {
+    a.value.assign(a.index.size(), 1.0f);
+    return a;
+  };
+  const std::vector<float> diagonal(fine.rows(), 1.0f);
+  const SparseRows product = multiplied(host, ones(grid.down), {}, multiplied(host, ones(fine), diagonal, ones(grid.up), coarse), coarse);
+  SparseRows beside;
+  for (uint32_t p = 0; p < coarse; ++p) {
+    for (uint32_t e = product.offsets[p]; e < product.offsets[p + 1]; ++e)
+      if (product.index[e] != p) beside.index.push_back(product.index[e]);
+    beside.offsets.push_back(static_cast<uint32_t>(beside.index.size()));
+  }
+  return beside;
+}
+
+Buffer<float> blocks(Executor& executor, size_t count) {
+  return Buffer<float>(kBlock * count, executor.memory());
+}
+
+}  // namespace
+
+MultigridGrids::MultigridGrids(Executor& host, const std::vector<GridPlace>& places, std::span<const std::array<uint32_t, 2>> edges,
+                               std::span<const float> free, const std::function<void()>& check)
+    : grids_(1) {
+  grids_[0].matrix = pattern_of(places.size(), edges);
+  GridPlace origin{0, 0, 0};
+  std::vector<GridPlace> at = places;
+  for (int32_t spacing = kGridUnit; at.size() > kCoarsest && spacing < kWidest; spacing *= 2) {
+    if (check) check();
+    origin = origin_of_next(places, origin, spacing);
+    CoarseGrid coarse = coarsen(at, grids_.back().matrix, grids_.size() == 1 ? free : std::span<const float>{}, origin, 2 * spacing);
+    if (static_cast<double>(coarse.places.size()) > kWorthAGrid * static_cast<double>(at.size())) continue;
+    SparseRows pattern = coarse_pattern(host, grids_.back().matrix, coarse);
+    grids_.back().up = std::move(coarse.up);
+    grids_.back().down = std::move(coarse.down);
+    grids_.emplace_back();
+    grids_.back().matrix = std::move(pattern);
+    at = std::move(coarse.places);
+  }
+  place(host);
+}
+
+void MultigridGrids::place(Executor& executor) {
+  levels_.resize(grids_.size());
+  for (size_t k = 0; k < grids_.size(); ++k) {
+    const Grid& grid = grids_[k];
+    MultigridLevel& level = levels_[k];
+    level.size = grid.matrix.rows();
+    level.entries = grid.matrix.index.size();
+    level.a.offsets = placed_(executor, grid.matrix.offsets);
+    level.a.index = placed_(executor, grid.matrix.index);
+    level.up = {placed_(executor, grid.up.offsets), placed_(executor, grid.up.index), placed_(executor, grid.up.value)};
+    level.down = {placed_(executor, grid.down.offsets), placed_(executor, grid.down.index), placed_(executor, grid.down.value)};
+  }
+}
+
+size_t MultigridGrids::work_rows() const {
+  size_t rows = 0;
+  for (size_t k = 0; k < levels_.size(); ++k) rows += (k == 0 ? 2 : 3) * MultigridLevel::padded(levels_[k].size);
+  return rows;
+}
+
+double MultigridGrids::bytes() const {
+  double sum = 16.0 * static_cast<double>(work_rows());
+  for (size_t k = 0; k < grids_.size(); ++k) {
+    const Grid& grid = grids_[k];
+    sum += static_cast<double>(grid.matrix.bytes() + grid.up.bytes() + grid.down.bytes());
+    sum += 2 * 4.0 * kBlock * static_cast<double>(levels_[k].entries + 2 * levels_[k].size);
+  }
+  return sum;
+}
+
+double MultigridGrids::expected_bytes(size_t vertices, size_t edges) {
+  return 400.0 * static_cast<double>(vertices) + 1.3 * 2 * (2 * 4.0 * kBlock + 4) * static_cast<double>(edges);
+}
+
+// The power method, from a vector of signs.
+void MultigridGrids::measure(Executor& executor, const EnergyLanes& lanes, const Multigrid& rest) {
+  for (size_t k = 0; k + 1 < levels_.size(); ++k) {
+    const MultigridLevel& level = rest.levels()[k];
+    const size_t rows = MultigridLevel::padded(level.size);
+    Buffer<Row4> x(rows), y(rows), zero(rows);
+    Row4 *now = x.data_for_write(), *next = y.data_for_write(), *none = zero.data_for_write();
+    std::fill_n(none, rows, Row4{0, 0, 0, 0});
+    uint32_t bits = 1;
+    const auto sign = [&] { return (bits = bits * 1664525 + 1013904223) >> 31 ? 1.0f : -1.0f; };
+    for (size_t p = 0; p < level.size; ++p) now[p] = {sign(), sign(), sign(), 0};
+    double size = 1;
+    for (int step = 0; step < kMeasure; ++step) {
+      run_rows(executor, level.size, Smooth{level.a, 0, 0, -1, none, now, now, next}, lanes.smooth);
+      size = 0;
+      for (size_t p = 0; p < level.size; ++p) size = std::max({size, std::abs(double{next[p].x}), std::abs(double{next[p].y}), std::abs(double{next[p].z})});
+      double before = 0, after = 0;
+      for (size_t p = 0; p < level.size; ++p) {
+        before += double{now[p].x} * now[p].x + double{now[p].y} * now[p].y + double{now[p].z} * now[p].z;
+        after += double{next[p].x} * next[p].x + double{next[p].y} * next[p].y + double{next[p].z} * next[p].z;
+      }
+      const float over = size > 0 ? static_cast<float>(1 / size) : 0;
+      for (size_t p = 0; p < level.size; ++p) now[p] = {over * next[p].x, over * next[p].y, over * next[p].z, 0};
+      size = before > 0 ? std::sqrt(after / before) : 1;
+    }
+    levels_[k].largest = std::max(1.0f, kSafety * static_cast<float>(size));
+  }
+}
+
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, HessianRow row) {
+  const std::vector<MultigridLevel>& levels = grids.levels();
+  Hessian made{blocks(executor, levels[0].entries), blocks(executor, levels[0].size), {}, {}};
+  row.matrix = levels[0].a;
+  row.value = made.entries.data_for_write();
+  row.diagonal = made.diagonal.data_for_write();
+  parallel_for(executor, levels[0].size, "hessian_row", row, kRows);
+  if (levels.size() == 1) return made;
+  made.coarse_entries = blocks(executor, levels[1].entries);
+  made.coarse_diagonal = blocks(executor, levels[1].size);
+  MatrixRows fine = levels[0].a;
+  fine.value = row.value;
+  fine.diagonal = row.diagonal;
+  parallel_for(executor, levels[1].size, "multigrid_coarse_row",
+               CoarseRow{fine, levels[0].down, levels[0].up, levels[1].a, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write(), false}, 32);
+  return made;
+}
+
+Multigrid::Multigrid(Executor& executor, const MultigridGrids& grids, const Hessian& hessian, const float* added) : levels_(grids.levels()) {
+  const Device device = executor.device();
+  const auto sum = [&](const Buffer<float>& a, const float* b) {
+    Buffer<float> to(a.size(), executor.memory());
+    parallel_for(executor, a.size(), "add_floats", AddFloats{a.view(device).data(), b, to.data_for_write()}, 1 << 14);
+    return to;
+  };
+  values_.resize(levels_.size());
+  for (size_t k = 0; k < levels_.size(); ++k) {
+    Values& values = values_[k];
+    MultigridLevel& level = levels_[k];
+    if (k == 0) {
+      values.entries = hessian.entries;
+      values.diagonal = sum(hessian.diagonal, added);
+    } else {
+      const MultigridLevel& finer = levels_[k - 1];
+      CoarseRow row{finer.a, finer.down, finer.up, level.a, nullptr, nullptr, k == 1};
+      values.entries = k == 1 ? sum(hessian.coarse_entries, nullptr) : blocks(executor, level.entries);
+      values.diagonal = k == 1 ? sum(hessian.coarse_diagonal, nullptr) : blocks(executor, level.size);
+      row.value = values.entries.data_for_write();
+      row.diagonal = values.diagonal.data_for_write();
+      if (k == 1) row.fine.diagonal = added;
+      if (k > 1 || added) parallel_for(executor, level.size, "multigrid_coarse_row", row, 32);
+    }
+    values.inverse = blocks(executor, level.size);
+    parallel_for(executor, level.size, "multigrid_inverse", InverseOfDiagonal{values.diagonal.view(device).data(), values.inverse.data_for_write()});
+    level.a.value = values.entries.view(device).data();
+    level.a.diagonal = values.diagonal.view(device).data();
+    level.a.inverse = values.inverse.view(device).data();
+  }
+  invert_coarsest(executor);
+}
+
+void Multigrid::invert_coarsest(Executor& executor) {
+  const MultigridLevel& last = levels_.back();
+  if (last.size > kDense) return;
+  const uint32_t n = 3 * last.size;
+  inverse_ = Buffer<double>(size_t{n} * n, executor.memory());
+  Buffer<double> other(inverse_.size(), executor.memory());
+  double *from = inverse_.data_for_write(), *to = other.data_for_write();
+  parallel_for(executor, last.size, "multigrid_dense", DenseRows{last.a, kShift, from, last.size});
+  for (uint32_t k = 0; k < n; ++k) {
+    parallel_for(executor, n, "multigrid_invert", InvertColumn{from, to, n, k});
+    std::swap(from, to);
+  }
+  if (n % 2 == 1) std::swap(inverse_, other);
+}
+
+void Multigrid::solve_coarsest(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const {
+  const MultigridLevel& last = levels_.back();
+  Row4 *now = work, *other = now + MultigridLevel::padded(last.size);
+  if (inverse_)
+    parallel_for(executor, last.size, "multigrid_coarsest", DenseTimes{inverse_.view(executor.device()).data(), last.size, x, now});
+  else
+    smooth_from_zero(executor, lanes, last, kCoarsestDegree, x, now, other);
+  parallel_for(executor, last.size, "copy_quads", CopyQuads{now, x});
+}
+
+// x <- M x, in place.
+void Multigrid::cycle(Executor& executor, const EnergyLanes& lanes, size_t k, Row4* x, Row4* work) const {
+  if (k + 1 == levels_.size()) return solve_coarsest(executor, lanes, x, work);
+  const MultigridLevel& level = levels_[k];
+  const uint32_t n = level.size, m = levels_[k + 1].size;
   Row4 *now = work, *other = now + MultigridLevel::padded(n), *coarse = other + MultigridLevel::padded(n);
   smooth_from_zero(executor, lanes, level, kDegree, x, now, other);
   run_rows(executor, n, Residual{level.a, x, now, other}, lanes.residual);
   parallel_for(executor, m, "multigrid_restrict", Restrict{level.down, other, coarse}, kRows);
-  multigrid_cycle(executor, lanes, levels.subspan(1), coarsest, coarse, coarse + MultigridLevel::padded(m));
+  cycle(executor, lanes, k + 1, coarse, coarse + MultigridLevel::padded(m));
   parallel_for(executor, n, "multigrid_prolong", Prolong{level.up, coarse, now}, kRows);
-  for (int k = 1; k < kDegree; ++k) {
-    smooth_step(executor, lanes, level, k, k == 1, x, other, now, other);
+  for (int step = 1; step < kDegree; ++step) {
+    smooth_step(executor, lanes, level, step, step == 1, x, other, now, other);
     std::swap(now, other);
   }
   smooth_step(executor, lanes, level, kDegree, kDegree == 1, x, other, now, x);
 }
 
-size_t multigrid_work(std::span<const MultigridLevel> levels) {
-  size_t rows = 0;
-  for (size_t level = 0; level + 1 < levels.size(); ++level) rows += (level == 0 ? 2 : 3) * MultigridLevel::padded(levels[level].size);
-  return rows;
-}
-
-MatrixRows Multigrid::matrix(size_t level) const {
-  const SparseRows& pattern = (*grids_)[level].matrix;
-  const Values& values = values_[level];
-  return {pattern.offsets.data(), pattern.index.data(), values.entries->data(), values.diagonal.data(), values.inverse.data()};
-}
-
-std::vector<float> Multigrid::by_row(const SparseRows& pattern, std::span<const float> by_edge) {
-  std::vector<float> values(pattern.index.size());
-  std::vector<uint32_t> cursor(pattern.offsets.begin(), pattern.offsets.end() - 1);
-  size_t edge = 0;  // those of a row lie behind its lower neighbours, in the order of the edges
-  for (uint32_t p = 0; p < pattern.rows(); ++p)
-    for (uint32_t e = cursor[p]; e < pattern.offsets[p + 1]; ++e, ++edge) {
-      values[e] = by_edge[edge];
-      values[cursor[pattern.index[e]]++] = by_edge[edge];
-    }
-  return values;
-}
-
-void Multigrid::set_fine(std::span<const float> entries, std::span<const float> diagonal) {
-  values_.resize(1);
-  values_[0].entries = std::make_shared<const std::vector<float>>(by_row(grids_->front().matrix, entries));
-  values_[0].diagonal.assign(diagonal.begin(), diagonal.end());
-}
-
-void Multigrid::make_inverse(Executor& executor, size_t level) {
-  std::vector<float>& inverse = values_[level].inverse;
-  inverse.resize(size(level));
-  parallel_for(executor, inverse.size(), "multigrid_inverse", InverseOfRows{matrix(level), inverse.data()});
-}
-
-SparseRows Multigrid::galerkin(Executor& executor, size_t level) const {
-  const Grid& fine = (*grids_)[level];
-  const uint32_t coarse = fine.down.rows();
-  const SparseRows a{fine.matrix.offsets, fine.matrix.index, *values_[level].entries};
-  return multiplied(executor, fine.down, {}, multiplied(executor, a, values_[level].diagonal, fine.up, coarse), coarse);
-}
-
-// A product has its diagonal among its entries; every node has one.
-void Multigrid::take(size_t level, const SparseRows& product, bool first) {
-  SparseRows beside;
-  Values values;
-  values.diagonal.resize(product.rows());
-  std::vector<float> entries;
-  for (uint32_t p = 0; p < product.rows(); ++p) {
-    for (uint32_t e = product.offsets[p]; e < product.offsets[p + 1]; ++e) {
-      if (product.index[e] == p) {
-        values.diagonal[p] = product.value[e];
-        continue;
-      }
-      if (first) beside.index.push_back(product.index[e]);
-      entries.push_back(product.value[e]);
-    }
-    if (first) beside.offsets.push_back(static_cast<uint32_t>(beside.index.size()));
-  }
-  if (first) (*grids_)[level].matrix = std::move(beside);
-  values.entries = std::make_shared<const std::vector<float>>(std::move(entries));
-  values_.resize(level);
-  values_.push_back(std::move(values));
-}
-
-Multigrid::Multigrid(Executor& executor, const EnergyLanes& lanes, const std::vector<GridPlace>& places,
-                     std::span<const std::array<uint32_t, 2>> edges, std::span<const float> free, std::span<const float> entries,
-                     std::span<const float> diagonal, const std::function<void()>& check)
-    : grids_(std::make_shared<std::vector<Grid>>(1)), coarsest_(std::make_shared<Coarsest>()) {
-  SparseRows& fine = grids_->front().matrix;
-  fine.offsets.assign(places.size() + 1, 0);
-  for (const auto& [a, b] : edges) ++fine.offsets[a + 1], ++fine.offsets[b + 1];
-  for (size_t p = 0; p < places.size(); ++p) fine.offsets[p + 1] += fine.offsets[p];
-  fine.index.resize(2 * edges.size());
-  std::vector<uint32_t> cursor(fine.offsets.begin(), fine.offsets.end() - 1);
-  for (const auto& [a, b] : edges) {
-    fine.index[cursor[a]++] = b;
-    fine.index[cursor[b]++] = a;
-  }
-  set_fine(entries, diagonal);
-  make_inverse(executor, 0);
-
-  GridPlace origin{0, 0, 0};
-  std::vector<GridPlace> at = places;
-  for (int32_t spacing = kGridUnit; at.size() > kCoarsest && spacing < kWidest; spacing *= 2) {
-    if (check) check();
-    const size_t level = grids_->size() - 1;
-    origin = origin_of_next(places, origin, spacing);
-    CoarseGrid coarse = coarsen(at, grids_->back().matrix, level == 0 ? free : std::span<const float>{}, origin, 2 * spacing);
-    if (static_cast<double>(coarse.places.size()) > kWorthAGrid * static_cast<double>(at.size())) continue;
-    grids_->back().up = std::move(coarse.up);
-    grids_->back().down = std::move(coarse.down);
-    grids_->emplace_back();
-    take(level + 1, galerkin(executor, level), true);
-    make_inverse(executor, level + 1);
-    at = std::move(coarse.places);
-  }
-
-  const SparseRows& last = grids_->back().matrix;
-  std::vector<Vec3f> points;
-  for (const GridPlace& p : at) points.push_back({static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
-  for (uint32_t p = 0; p < last.rows(); ++p)
-    for (uint32_t e = last.offsets[p]; e < last.offsets[p + 1]; ++e)
-      if (p < last.index[e]) coarsest_->edges.push_back({p, last.index[e]});
-  constexpr uint32_t kLeaf = 32;
-  const Dissection dissection = nested_dissection(points, coarsest_->edges, kLeaf, check);
-  coarsest_->place.resize(points.size());
-  for (uint32_t p = 0; p < points.size(); ++p) coarsest_->place[dissection.order[p]] = p;
-  for (auto& [a, b] : coarsest_->edges) a = coarsest_->place[a], b = coarsest_->place[b];
-  coarsest_->plan = std::make_shared<const FactorPlan>(dissection, coarsest_->edges, check);
-  factor_coarsest(executor, lanes, check);
-}
-
-void Multigrid::factor_coarsest(Executor& executor, const EnergyLanes& lanes, const std::function<void()>& check) {
-  const SparseRows& pattern = grids_->back().matrix;
-  const Values& values = values_.back();
-  std::vector<float> entries, diagonal(pattern.rows());
-  for (uint32_t p = 0; p < pattern.rows(); ++p) {
-    diagonal[coarsest_->place[p]] = values.diagonal[p] * (1 + kShift);
-    for (uint32_t e = pattern.offsets[p]; e < pattern.offsets[p + 1]; ++e)
-      if (p < pattern.index[e]) entries.push_back((*values.entries)[e]);
-  }
-  factor_ = std::make_shared<const SparseCholesky>(executor, lanes, coarsest_->plan, entries, diagonal, check);
-}
-
-std::unique_ptr<Metric> Multigrid::remade(Executor& executor, const EnergyLanes& lanes, std::span<const float> entries,
-                                          std::span<const float> diagonal, const std::function<void()>& check) const {
-  auto made = std::unique_ptr<Multigrid>(new Multigrid);
-  made->grids_ = grids_;
-  made->coarsest_ = coarsest_;
-  made->set_fine(entries, diagonal);
-  made->make_inverse(executor, 0);
-  for (size_t level = 0; level + 1 < grids_->size(); ++level) {
-    if (check) check();
-    made->take(level + 1, made->galerkin(executor, level), false);
-    made->make_inverse(executor, level + 1);
-  }
-  made->factor_coarsest(executor, lanes, check);
-  return made;
-}
-
-// P^T D P of a coarse grid, vertex by vertex: a vertex's weights there are those of the grids between, multiplied.
-void Multigrid::add_to_coarse(size_t level, std::span<const uint32_t> changed, std::span<const float> by) {
-  struct Weight {
-    uint32_t node;
-    float weight;
-  };
-  auto entries = std::make_shared<std::vector<float>>(*values_[level].entries);
-  std::vector<float>& diagonal = values_[level].diagonal;
-  const SparseRows& pattern = (*grids_)[level].matrix;
-  std::vector<Weight> row, next;
-  for (size_t k = 0; k < changed.size(); ++k) {
-    row.assign(1, {changed[k], 1.0f});
-    for (size_t below = 0; below < level; ++below) {
-      const SparseRows& up = (*grids_)[below].up;
-      next.clear();
-      for (const Weight& w : row)
-        for (uint32_t e = up.offsets[w.node]; e < up.offsets[w.node + 1]; ++e) {
-          const auto met = std::find_if(next.begin(), next.end(), [&](const Weight& n) { return n.node == up.index[e]; });
-          if (met == next.end())
-            next.push_back({up.index[e], w.weight * up.value[e]});
-          else
-            met->weight += w.weight * up.value[e];
-        }
-      row.swap(next);
-    }
-    for (const Weight& a : row) {
-      diagonal[a.node] += by[k] * a.weight * a.weight;
-      const auto begin = pattern.index.begin() + pattern.offsets[a.node], end = pattern.index.begin() + pattern.offsets[a.node + 1];
-      for (const Weight& b : row)
-        if (b.node != a.node)
-          (*entries)[static_cast<size_t>(std::lower_bound(begin, end, b.node) - pattern.index.begin())] += by[k] * (a.weight * b.weight);
-    }
-  }
-  values_[level].entries = std::move(entries);
-}
-
-std::unique_ptr<Metric> Multigrid::renewed(Executor& executor, const EnergyLanes& lanes, std::span<const float> diagonal,
-                                           const std::function<void()>& check) const {
-  auto made = std::unique_ptr<Multigrid>(new Multigrid(*this));
-  std::vector<uint32_t> changed;
-  std::vector<float> by;
-  Values& fine = made->values_[0];
-  for (uint32_t p = 0; p < diagonal.size(); ++p) {
-    if (diagonal[p] == fine.diagonal[p]) continue;
-    changed.push_back(p);
-    by.push_back(diagonal[p] - fine.diagonal[p]);
-  }
-  fine.diagonal.assign(diagonal.begin(), diagonal.end());
-  executor.parallel_ranges(levels() - 1, 1, [&](size_t level, size_t) { made->add_to_coarse(level + 1, changed, by); });
-  for (size_t level = 0; level < levels(); ++level) made->make_inverse(executor, level);
-  made->factor_coarsest(executor, lanes, check);
-  return made;
-}
-
-std::vector<MultigridLevel> Multigrid::views() const {
-  std::vector<MultigridLevel> views;
-  for (size_t level = 0; level < levels(); ++level) {
-    const SparseRows &up = (*grids_)[level].up, &down = (*grids_)[level].down;
-    views.push_back({static_cast<uint32_t>(size(level)), matrix(level), {up.offsets.data(), up.index.data(), up.value.data()},
-                     {down.offsets.data(), down.index.data(), down.value.data()}});
-  }
-  return views;
-}
-
-size_t Multigrid::scratch_floats() const {
-  return 4 * (multigrid_work(views()) + padded(size(levels() - 1)) + factor_->solve_rows()) + factor_->scratch_floats();
-}
-
-void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const {
-  const auto coarsest = [&](Row4* right, Row4* work) {
-    const size_t n = size(levels() - 1);
-    for (size_t p = 0; p < n; ++p) work[coarsest_->place[p]] = right[p];
-    factor_->solve(executor, lanes, work, &work[factor_->solve_rows()].x);
-    for (size_t p = 0; p < n; ++p) right[p] = work[coarsest_->place[p]];
-  };
-  multigrid_cycle(executor, lanes, views(), coarsest, x, reinterpret_cast<Row4*>(scratch));
-}
-
-double Multigrid::bytes() const {
-  double sum = 0;
-  for (size_t level = 0; level < levels(); ++level) {
-    const Grid& grid = (*grids_)[level];
-    sum += static_cast<double>(grid.matrix.bytes() + grid.up.bytes() + grid.down.bytes());
-    sum += 4.0 * static_cast<double>(values_[level].entries->size() + 2 * values_[level].diagonal.size());
-  }
-  return sum + coarsest_->plan->bytes();
+void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const {
+  cycle(executor, lanes, 0, x, work);
 }
 
 }  // namespace knead

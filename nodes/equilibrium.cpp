@@ -68,10 +68,6 @@ ElasticTerm term_of(const std::string& name) {
   return name == "edges" ? ElasticTerm::kEdges : name == "corotated" ? ElasticTerm::kCorotated : ElasticTerm::kStableNeoHookean;
 }
 
-MetricKind metric_of(const std::string& name) {
-  return name == "factor" ? MetricKind::kFactor : name == "multigrid" ? MetricKind::kMultigrid : MetricKind::kAuto;
-}
-
 class Equilibrium : public Node {
  public:
   In<Surface> surface{this, "surface", {.unit = "world", .doc = "M at rest, as build_tets had it"}};
@@ -118,8 +114,6 @@ class Equilibrium : public Node {
                              EquilibriumSettings{}.memory_interval,
                              {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
   Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
-  Param<std::string> metric{
-      this, "metric", "auto", {.choices = {"auto", "factor", "multigrid"}, .doc = "what the descent is measured with; auto: by the size of H"}};
   Param<double> memory_limit{
       this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose metric takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
@@ -182,8 +176,7 @@ class Equilibrium : public Node {
         .add(hold())
         .add(keep_volume())
         .add(contact_samples())
-        .add(memory_limit())
-        .add(metric());
+        .add(memory_limit());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
@@ -200,7 +193,6 @@ class Equilibrium : public Node {
     settings.hold = hold();
     settings.keep_volume = keep_volume();
     settings.contact_samples = contact_samples();
-    settings.metric = metric_of(metric());
     settings.memory_limit = 1e9 * memory_limit();
     settings.check_cancelled = [&] { context.check_cancelled(); };
     Buffer<float> painted[4];
@@ -240,9 +232,7 @@ class Equilibrium : public Node {
     report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
     report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
     report.set("metric_renewal_milliseconds", 1e3 * figures.factor_seconds);
-    report.set("metric", rest.metric);
     report.set("metric_megabytes", 1e-6 * rest.metric_bytes);
-    report.set("order_milliseconds", 1e3 * rest.order_seconds);
     report.set("metric_set_up_milliseconds", 1e3 * rest.metric_seconds);
     report.set("prepare_milliseconds", 1e3 * rest.seconds);
     return report;
