@@ -13,8 +13,11 @@
 #include "kernels/rows.h"
 #include "kernels/simd_level.h"
 
+#include <cstdlib>
+#include <cstdio>
 namespace knead {
 namespace {
+double env(const char* n, double d) { const char* e = std::getenv(n); return e ? std::atof(e) : d; }
 
 constexpr int kMemory = History::kMost;                     // pairs that L-BFGS remembers
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
@@ -221,7 +224,7 @@ class Solver {
     {
       ScopedTime time(figures_.factor_seconds);
       float* blocks = blocks_.data_for_write();
-      contacts_.make_blocks(static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts), blocks);
+      contacts_.make_blocks(static_cast<float>(1), blocks);
       metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_ ? *deformed_ : rest_.hessian, blocks);
       ++figures_.factors;
     }
@@ -370,14 +373,15 @@ class Solver {
     int since_update = 0, still = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
-      if (done == kRenewal) {
+      if (done == static_cast<int>(env("KN_R", kRenewal))) {
         if (contacts_.by_entries()) {  // the shape has the right side by now
           contacts_.forget_entries();
           now = evaluate(u_, gradient_);
         }
         renew_metric();
       }
-      if (done % kDeformedInterval == kDeformedRenewal) renew_for_deformation();
+      if (done == static_cast<int>(env("KN_A",8)) || done == static_cast<int>(env("KN_B", 16)) || done == static_cast<int>(env("KN_C", -1)) || (done > 30 && done % 30 == 10)) renew_for_deformation();
+      if (std::getenv("KNEAD_TRACE")) std::fprintf(stderr, "%d grad %.2e step %.1e change %.1e pen %.1e up %d ev %d scale %.2f\n", done, relative(now), figures_.step, now.contact.change/rest_.diagonal, now.contact.deepest/rest_.diagonal, figures_.updates, figures_.evaluations, scale_);
       if (done % kBulkInterval == 0 && done > 0) renew_bulk();
       if (!iterate(now)) {
         figures_.ended = "stalled";

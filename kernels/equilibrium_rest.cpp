@@ -155,6 +155,23 @@ void check_memory(const RestFigures& figures, double limit) {
   throw Error(ErrorCode::kMemory, text, "build a coarser H (build_tets: lower max_depth or min_depth), or raise memory_limit");
 }
 
+// Where in the metric's rows the blocks of a corner of a tet and each of the four go.
+void find_slot_places(EquilibriumRest& rest) {
+  const SparseRows& pattern = rest.grids->pattern();
+  const uint32_t* corners = rest.corners.host().data();
+  rest.slot_places.resize(4 * rest.slots.size());
+  for (uint32_t p = 0; p < rest.places; ++p) {
+    const auto begin = pattern.index.begin() + pattern.offsets[p], end = pattern.index.begin() + pattern.offsets[p + 1];
+    for (uint32_t e = rest.slot_offsets[p]; e < rest.slot_offsets[p + 1]; ++e)
+      for (size_t c = 0; c < 4; ++c) {
+        const uint32_t q = corners[c * rest.stride + rest.slots[e] % rest.stride];
+        const auto at = std::lower_bound(begin, end, q);
+        const bool none = rest.free[p] == 0 || rest.free[q] == 0;
+        rest.slot_places[4 * size_t{e} + c] = q == p ? HessianRow::kOwn : none ? HessianRow::kNone : static_cast<uint16_t>(at - begin);
+      }
+  }
+}
+
 std::vector<GridPlace> grid_places(const TetMesh& tets) {
   std::vector<GridPlace> places;
   places.reserve(tets.vertices());
@@ -229,10 +246,11 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   const auto before_metric = std::chrono::steady_clock::now();
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  rest.place_tables(host);
   auto grids = std::make_unique<MultigridGrids>(host, places, make_edges(tets, place, rest.free), rest.free, material.check_cancelled);
+  MultigridGrids& made_grids = *grids;
   rest.grids = std::move(grids);
-  MultigridGrids& made_grids = const_cast<MultigridGrids&>(*rest.grids);
+  find_slot_places(rest);
+  rest.place_tables(host);
   rest.hessian = rest.hessian_at(host, nullptr);
   made_grids.measure(host, energy_lanes(host), Multigrid(host, made_grids, rest.hessian, nullptr));
   if (!on_host) {
@@ -248,8 +266,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
 }
 
 Hessian EquilibriumRest::hessian_at(Executor& executor, const Row4* u) const {
-  return make_hessian(executor, *grids,
-                      {u, on.corners, on.shape, on.mu, on.lambda, stride, term, on.slot_offsets, on.slots, on.hold, on.free, {}, nullptr, nullptr});
+  return make_hessian(executor, *grids, {u, on.corners, on.shape, on.mu, on.lambda, stride, term, nullptr},
+                      {nullptr, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, nullptr, nullptr, nullptr});
 }
 
 void EquilibriumRest::place_tables(Executor& executor) {
@@ -257,6 +275,7 @@ void EquilibriumRest::place_tables(Executor& executor) {
   on.corners = place(corners.host());
   on.slot_offsets = place(slot_offsets);
   on.slots = place(slots);
+  on.slot_places = place(slot_places);
   on.offsets = place(samples.offsets);
   on.indices = place(samples.indices);
   on.back_offsets = place(samples.back_offsets);

@@ -28,6 +28,7 @@ struct SampleTable {
 struct RestTables {
   const uint32_t *corners, *slot_offsets, *slots, *offsets, *indices, *back_offsets, *back_samples, *fan_offsets, *fans, *vertex_at;
   const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *back_weights;
+  const uint16_t* slot_places;
   const Vec3f *rest, *sample_rest;
 };
 
@@ -45,6 +46,7 @@ class EquilibriumRest {
   Buffer<float> shape, mu, lambda;
   size_t edges = 0;                           // of H
   std::vector<uint32_t> slot_offsets, slots;  // by place: which rows of the tets' forces act on it
+  std::vector<uint16_t> slot_places;          // [slots][4] as HessianRow has them
   std::vector<float> hold;                    // by place, cells^-2 times cells^3
   std::vector<float> free;                    // 1, or 0 for a pinned place
   bool any_pinned = false;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "graph/error.h"
 #include "kernels/energy_lanes.h"
 #include "kernels/parallel.h"
 
@@ -46,7 +47,7 @@ void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const Multig
   }
 }
 
-SparseRows pattern_of(const std::vector<std::array<uint32_t, 2>>::size_type rows, std::span<const std::array<uint32_t, 2>> edges) {
+SparseRows pattern_of(size_t rows, std::span<const std::array<uint32_t, 2>> edges) {
   SparseRows pattern;
   pattern.offsets.assign(rows + 1, 0);
   for (const auto& [a, b] : edges) ++pattern.offsets[a + 1], ++pattern.offsets[b + 1];
@@ -60,22 +61,33 @@ SparseRows pattern_of(const std::vector<std::array<uint32_t, 2>>::size_type rows
   return pattern;
 }
 
-// Which entries P^T A P has beside the diagonal.
-SparseRows coarse_pattern(Executor& host, const SparseRows& fine, const CoarseGrid& grid) {
-  const uint32_t coarse = grid.down.rows();
-  const auto ones = [](SparseRows a) {
-    a.value.assign(a.index.size(), 1.0f);
-    return a;
-  };
-  const std::vector<float> diagonal(fine.rows(), 1.0f);
-  const SparseRows product = multiplied(host, ones(grid.down), {}, multiplied(host, ones(fine), diagonal, ones(grid.up), coarse), coarse);
-  SparseRows beside;
-  for (uint32_t p = 0; p < coarse; ++p) {
-    for (uint32_t e = product.offsets[p]; e < product.offsets[p + 1]; ++e)
-      if (product.index[e] != p) beside.index.push_back(product.index[e]);
-    beside.offsets.push_back(static_cast<uint32_t>(beside.index.size()));
+// Rows of a pattern as unions of others: numbers the columns of one row after the other.
+class RowUnion {
+ public:
+  explicit RowUnion(uint32_t columns) : at_(columns, kNone) {}
+  void meet(uint32_t column) {
+    if (at_[column] == kNone) at_[column] = 0, met_.push_back(column);
   }
-  return beside;
+  // The row is complete: columns in rising order.
+  const std::vector<uint32_t>& close() {
+    std::sort(met_.begin(), met_.end());
+    for (uint32_t k = 0; k < met_.size(); ++k) at_[met_[k]] = k;
+    return met_;
+  }
+  uint32_t place(uint32_t column) const { return at_[column]; }
+  void open() {
+    for (const uint32_t c : met_) at_[c] = kNone;
+    met_.clear();
+  }
+
+ private:
+  static constexpr uint32_t kNone = 0xffffffffu;
+  std::vector<uint32_t> at_, met_;
+};
+
+uint16_t as_place(uint32_t place) {
+  if (place >= HessianRow::kNone) throw Error(ErrorCode::kInput, "equilibrium: a vertex of H has too many neighbours for a multigrid metric");
+  return static_cast<uint16_t>(place);
 }
 
 Buffer<float> blocks(Executor& executor, size_t count) {
@@ -95,14 +107,52 @@ MultigridGrids::MultigridGrids(Executor& host, const std::vector<GridPlace>& pla
     origin = origin_of_next(places, origin, spacing);
     CoarseGrid coarse = coarsen(at, grids_.back().matrix, grids_.size() == 1 ? free : std::span<const float>{}, origin, 2 * spacing);
     if (static_cast<double>(coarse.places.size()) > kWorthAGrid * static_cast<double>(at.size())) continue;
-    SparseRows pattern = coarse_pattern(host, grids_.back().matrix, coarse);
     grids_.back().up = std::move(coarse.up);
     grids_.back().down = std::move(coarse.down);
+    SparseRows pattern = find_products(grids_.back());
     grids_.emplace_back();
     grids_.back().matrix = std::move(pattern);
     at = std::move(coarse.places);
   }
   place(host);
+}
+
+// The patterns of A P and of P^T A P, which is returned without its diagonal, and where the terms of both go.
+SparseRows MultigridGrids::find_products(Grid& fine) {
+  const uint32_t columns = fine.down.rows();
+  const SparseRows &a = fine.matrix, &up = fine.up, &down = fine.down;
+  SparseRows &product = fine.product, coarse;
+  RowUnion row(columns);
+  const auto each_term = [&](uint32_t p, auto&& take) {
+    for (uint32_t g = up.offsets[p]; g < up.offsets[p + 1]; ++g) take(up.index[g]);
+    for (uint32_t e = a.offsets[p]; e < a.offsets[p + 1]; ++e)
+      for (uint32_t g = up.offsets[a.index[e]]; g < up.offsets[a.index[e] + 1]; ++g) take(up.index[g]);
+  };
+  fine.product_terms.assign(1, 0);
+  for (uint32_t p = 0; p < a.rows(); ++p, row.open()) {
+    each_term(p, [&](uint32_t c) { row.meet(c); });
+    const std::vector<uint32_t>& met = row.close();
+    product.index.insert(product.index.end(), met.begin(), met.end());
+    product.offsets.push_back(static_cast<uint32_t>(product.index.size()));
+    each_term(p, [&](uint32_t c) { fine.product_places.push_back(as_place(row.place(c))); });
+    fine.product_terms.push_back(static_cast<uint32_t>(fine.product_places.size()));
+  }
+  fine.coarse_terms.assign(1, 0);
+  for (uint32_t p = 0; p < columns; ++p, row.open()) {
+    const auto each = [&](auto&& take) {
+      for (uint32_t e = down.offsets[p]; e < down.offsets[p + 1]; ++e)
+        for (uint32_t f = product.offsets[down.index[e]]; f < product.offsets[down.index[e] + 1]; ++f) take(product.index[f]);
+    };
+    each([&](uint32_t c) {
+      if (c != p) row.meet(c);
+    });
+    const std::vector<uint32_t>& met = row.close();
+    coarse.index.insert(coarse.index.end(), met.begin(), met.end());
+    coarse.offsets.push_back(static_cast<uint32_t>(coarse.index.size()));
+    each([&](uint32_t c) { fine.coarse_places.push_back(c == p ? CoarseRow::kOwn : as_place(row.place(c))); });
+    fine.coarse_terms.push_back(static_cast<uint32_t>(fine.coarse_places.size()));
+  }
+  return coarse;
 }
 
 void MultigridGrids::place(Executor& executor) {
@@ -116,6 +166,12 @@ void MultigridGrids::place(Executor& executor) {
     level.a.index = placed_(executor, grid.matrix.index);
     level.up = {placed_(executor, grid.up.offsets), placed_(executor, grid.up.index), placed_(executor, grid.up.value)};
     level.down = {placed_(executor, grid.down.offsets), placed_(executor, grid.down.index), placed_(executor, grid.down.value)};
+    level.product = placed_(executor, grid.product.offsets);
+    level.product_terms = placed_(executor, grid.product_terms);
+    level.product_places = placed_(executor, grid.product_places);
+    level.coarse_terms = placed_(executor, grid.coarse_terms);
+    level.coarse_places = placed_(executor, grid.coarse_places);
+    level.products = grid.product.index.size();
   }
 }
 
@@ -129,7 +185,8 @@ double MultigridGrids::bytes() const {
   double sum = 16.0 * static_cast<double>(work_rows());
   for (size_t k = 0; k < grids_.size(); ++k) {
     const Grid& grid = grids_[k];
-    sum += static_cast<double>(grid.matrix.bytes() + grid.up.bytes() + grid.down.bytes());
+    sum += static_cast<double>(grid.matrix.bytes() + grid.up.bytes() + grid.down.bytes() + grid.product.bytes() + 4 * kBlock * grid.product.index.size());
+    sum += 4.0 * static_cast<double>(grid.product_terms.size() + grid.coarse_terms.size()) + 2.0 * static_cast<double>(grid.product_places.size() + grid.coarse_places.size());
     sum += 2 * 4.0 * kBlock * static_cast<double>(levels_[k].entries + 2 * levels_[k].size);
   }
   return sum;
@@ -168,21 +225,39 @@ void MultigridGrids::measure(Executor& executor, const EnergyLanes& lanes, const
   }
 }
 
-Hessian make_hessian(Executor& executor, const MultigridGrids& grids, HessianRow row) {
+namespace {
+
+// P^T A P of a grid, or of a diagonal alone, which is added.
+void make_coarse(Executor& executor, const MultigridLevel& fine, const MultigridLevel& coarse, bool diagonal_only, float* value, float* diagonal) {
+  Buffer<float> product = blocks(executor, fine.products);
+  float* rows = product.data_for_write();
+  parallel_for(executor, fine.size, "multigrid_product_row",
+               ProductRow{fine.a, fine.up, fine.product_terms, fine.product_places, fine.product, rows, diagonal_only}, kRows);
+  parallel_for(executor, coarse.size, "multigrid_coarse_row",
+               CoarseRow{fine.down, fine.product, rows, fine.coarse_terms, fine.coarse_places, coarse.a.offsets, value, diagonal,
+                         diagonal_only ? fine.a.diagonal : nullptr},
+               32);
+}
+
+}  // namespace
+
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, TetGradients tets, HessianRow row) {
   const std::vector<MultigridLevel>& levels = grids.levels();
-  Hessian made{blocks(executor, levels[0].entries), blocks(executor, levels[0].size), {}, {}};
-  row.matrix = levels[0].a;
-  row.value = made.entries.data_for_write();
-  row.diagonal = made.diagonal.data_for_write();
-  parallel_for(executor, levels[0].size, "hessian_row", row, kRows);
+  MultigridLevel fine = levels[0];
+  Buffer<float> gradients(TetGradients::kFloats * tets.stride, executor.memory());
+  tets.to = gradients.data_for_write();
+  parallel_for(executor, tets.stride, "tet_gradients", tets, 1024);
+  Hessian made{blocks(executor, fine.entries), blocks(executor, fine.size), {}, {}};
+  row.gradients = tets.to;
+  row.stride = tets.stride;
+  row.offsets = fine.a.offsets;
+  fine.a.value = row.value = made.entries.data_for_write();
+  fine.a.diagonal = row.diagonal = made.diagonal.data_for_write();
+  parallel_for(executor, fine.size, "hessian_row", row, kRows);
   if (levels.size() == 1) return made;
   made.coarse_entries = blocks(executor, levels[1].entries);
   made.coarse_diagonal = blocks(executor, levels[1].size);
-  MatrixRows fine = levels[0].a;
-  fine.value = row.value;
-  fine.diagonal = row.diagonal;
-  parallel_for(executor, levels[1].size, "multigrid_coarse_row",
-               CoarseRow{fine, levels[0].down, levels[0].up, levels[1].a, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write(), false}, 32);
+  make_coarse(executor, fine, levels[1], false, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write());
   return made;
 }
 
@@ -201,14 +276,11 @@ Multigrid::Multigrid(Executor& executor, const MultigridGrids& grids, const Hess
       values.entries = hessian.entries;
       values.diagonal = sum(hessian.diagonal, added);
     } else {
-      const MultigridLevel& finer = levels_[k - 1];
-      CoarseRow row{finer.a, finer.down, finer.up, level.a, nullptr, nullptr, k == 1};
+      MultigridLevel finer = levels_[k - 1];
       values.entries = k == 1 ? sum(hessian.coarse_entries, nullptr) : blocks(executor, level.entries);
       values.diagonal = k == 1 ? sum(hessian.coarse_diagonal, nullptr) : blocks(executor, level.size);
-      row.value = values.entries.data_for_write();
-      row.diagonal = values.diagonal.data_for_write();
-      if (k == 1) row.fine.diagonal = added;
-      if (k > 1 || added) parallel_for(executor, level.size, "multigrid_coarse_row", row, 32);
+      if (k == 1) finer.a.diagonal = added;
+      if (k > 1 || added) make_coarse(executor, finer, level, k == 1, values.entries.data_for_write(), values.diagonal.data_for_write());
     }
     values.inverse = blocks(executor, level.size);
     parallel_for(executor, level.size, "multigrid_inverse", InverseOfDiagonal{values.diagonal.view(device).data(), values.inverse.data_for_write()});

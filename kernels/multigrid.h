@@ -26,6 +26,9 @@ struct MultigridLevel {
   MatrixRows a{};
   GridWeights up{}, down{};  // from and to the next coarser grid
   size_t entries = 0;        // beside the diagonal
+  const uint32_t *product = nullptr, *product_terms = nullptr, *coarse_terms = nullptr;  // as ProductRow and CoarseRow have them, for the next coarser grid
+  const uint16_t *product_places = nullptr, *coarse_places = nullptr;
+  size_t products = 0;  // blocks of A P
   float largest = 1;         // eigenvalue of D^-1 A
   static size_t padded(size_t rows) { return (rows + 15) / 16 * 16; }
 };
@@ -42,6 +45,7 @@ class MultigridGrids {
   void place(Executor& executor);
 
   const std::vector<MultigridLevel>& levels() const { return levels_; }  // without values
+  const SparseRows& pattern() const { return grids_.front().matrix; }    // of the finest, beside the diagonal
   size_t solve_rows() const { return MultigridLevel::padded(levels_.front().size); }
   size_t work_rows() const;  // what a cycle takes beside
   double bytes() const;      // of these, of one matrix for all frames and of a frame's own
@@ -53,8 +57,12 @@ class MultigridGrids {
  private:
   struct Grid {
     SparseRows matrix;    // which entries there are beside the diagonal; without values
-    SparseRows up, down;  // to and from the next coarser grid; none on the coarsest
+    SparseRows up, down;  // to and from the next coarser grid; none on the coarsest, as what follows
+    SparseRows product;   // A P
+    std::vector<uint32_t> product_terms, coarse_terms;
+    std::vector<uint16_t> product_places, coarse_places;
   };
+  static SparseRows find_products(Grid& fine);
   std::vector<Grid> grids_;  // H's vertices first
   std::vector<MultigridLevel> levels_;
   Placed placed_;
@@ -64,8 +72,8 @@ class MultigridGrids {
 struct Hessian {
   Buffer<float> entries, diagonal, coarse_entries, coarse_diagonal;
 };
-// `row`: all but its pattern and results.
-Hessian make_hessian(Executor& executor, const MultigridGrids& grids, HessianRow row);
+// `row`: all but its gradients, pattern and results; `tets`: all but its results.
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, TetGradients tets, HessianRow row);
 
 class Multigrid {
  public:

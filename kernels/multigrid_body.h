@@ -9,6 +9,21 @@ namespace knead {
 
 inline constexpr uint32_t kBlock = 9;
 
+KNEAD_HD void clear_blocks(float* from, size_t begin, size_t end) {
+  for (size_t i = kBlock * begin; i < kBlock * end; ++i) from[i] = 0;
+}
+KNEAD_HD void add_block(float* to, const float* block, float by) {
+#if defined(__CUDACC__)
+  for (uint32_t k = 0; k < kBlock; ++k) to[k] += by * block[k];
+#else
+  typedef float Unaligned __attribute__((vector_size(16), may_alias, aligned(4)));
+  Unaligned *low = reinterpret_cast<Unaligned*>(to), *high = reinterpret_cast<Unaligned*>(to + 4);
+  *low = *low + *reinterpret_cast<const Unaligned*>(block) * by;
+  *high = *high + *reinterpret_cast<const Unaligned*>(block + 4) * by;
+  to[8] += by * block[8];
+#endif
+}
+
 // The fourth number of the result means nothing.
 KNEAD_HD Quad block_times(const float* block, const Quad& v) {
 #if defined(__CUDACC__)
@@ -47,18 +62,6 @@ struct MatrixRows {
     return without_fourth(sum + other);
   }
   KNEAD_HD Quad inverted(const Quad& v, uint32_t p) const { return without_fourth(block_times(inverse + kBlock * static_cast<size_t>(p), v)); }
-  // Where the entry of row p and column q is, which must be there.
-  KNEAD_HD size_t entry(uint32_t p, uint32_t q) const {
-    uint32_t low = offsets[p], high = offsets[p + 1];
-    while (low + 1 < high) {
-      const uint32_t middle = (low + high) / 2;
-      if (index[middle] <= q)
-        low = middle;
-      else
-        high = middle;
-    }
-    return low;
-  }
 };
 
 // The first step of a smoother from zero.
@@ -139,34 +142,62 @@ struct InverseOfDiagonal {
   }
 };
 
-// A row of Galerkin's coarse matrix P^T A P. `adds`: P^T D P with the fine `diagonal` alone, most of which is zero, added to what is there.
+// Galerkin's coarse matrix P^T A P in two steps, row by row: the product A P, and P^T times that. Where a term goes is in tables: its place in the row.
+// `diagonal_only`: of a matrix that has nothing else, and that not in most rows, whose products are left as they are.
+struct ProductRow {
+  static constexpr const char* kKernel = "multigrid_product_row";
+  MatrixRows a;
+  GridWeights up;
+  const uint32_t *terms;       // [rows + 1] into `places`
+  const uint16_t* places;      // for the diagonal and then every entry of a row: a place per weight of its column
+  const uint32_t* offsets;     // [rows + 1] into the product
+  float* product;
+  bool diagonal_only;
+
+  static KNEAD_HD bool is_empty(const float* block) { return block[0] == 0 && block[4] == 0 && block[8] == 0; }
+
+  KNEAD_HD void operator()(uint32_t p) const {
+    const float* own = a.diagonal + kBlock * static_cast<size_t>(p);
+    if (diagonal_only && is_empty(own)) return;
+    clear_blocks(product, offsets[p], offsets[p + 1]);
+    float* row = product + kBlock * static_cast<size_t>(offsets[p]);
+    const uint16_t* place = places + terms[p];
+    const auto add = [&](const float* block, uint32_t q) {
+      for (uint32_t g = up.offsets[q]; g < up.offsets[q + 1]; ++g) add_block(row + kBlock * *place++, block, up.weight[g]);
+    };
+    add(own, p);
+    if (diagonal_only) return;
+    for (uint32_t e = a.offsets[p]; e < a.offsets[p + 1]; ++e) add(a.value + kBlock * static_cast<size_t>(e), a.index[e]);
+  }
+};
+
 struct CoarseRow {
   static constexpr const char* kKernel = "multigrid_coarse_row";
-  MatrixRows fine;
-  GridWeights down, up;
-  MatrixRows coarse;  // the pattern
+  static constexpr uint16_t kOwn = 0xffff;  // the place of the diagonal
+  GridWeights down;
+  const uint32_t* offsets;  // into the product
+  const float* product;
+  const uint32_t* terms;         // [rows + 1] into `places`
+  const uint16_t* places;        // for every weight of a row: a place per block of that row of the product
+  const uint32_t* coarse;        // [rows + 1] into `value`
   float *value, *diagonal;
-  bool adds;
+  const float* fine_diagonal;  // null: all of it; else what is not empty in it is added to what is there
 
-  KNEAD_HD void add(const float* block, uint32_t q, float weight, uint32_t row) const {
-    for (uint32_t g = up.offsets[q]; g < up.offsets[q + 1]; ++g) {
-      const uint32_t c = up.index[g];
-      const float by = weight * up.weight[g];
-      float* to = c == row ? diagonal + kBlock * static_cast<size_t>(row) : value + kBlock * coarse.entry(row, c);
-      for (uint32_t k = 0; k < kBlock; ++k) to[k] += by * block[k];
+  KNEAD_HD void operator()(uint32_t p) const {
+    float *own = diagonal + kBlock * static_cast<size_t>(p), *row = value + kBlock * static_cast<size_t>(coarse[p]);
+    if (!fine_diagonal) {
+      clear_blocks(diagonal, p, p + 1);
+      clear_blocks(value, coarse[p], coarse[p + 1]);
     }
-  }
-  KNEAD_HD void operator()(uint32_t row) const {
-    if (!adds) {
-      for (uint32_t k = 0; k < kBlock; ++k) diagonal[kBlock * static_cast<size_t>(row) + k] = 0;
-      for (size_t i = kBlock * static_cast<size_t>(coarse.offsets[row]); i < kBlock * static_cast<size_t>(coarse.offsets[row + 1]); ++i) value[i] = 0;
-    }
-    for (uint32_t e = down.offsets[row]; e < down.offsets[row + 1]; ++e) {
-      const uint32_t p = down.index[e];
-      const float* own = fine.diagonal + kBlock * static_cast<size_t>(p);
-      if (!adds || own[0] != 0 || own[4] != 0 || own[8] != 0) add(own, p, down.weight[e], row);
-      if (adds) continue;
-      for (uint32_t f = fine.offsets[p]; f < fine.offsets[p + 1]; ++f) add(fine.value + kBlock * static_cast<size_t>(f), fine.index[f], down.weight[e], row);
+    const uint16_t* place = places + terms[p];
+    for (uint32_t e = down.offsets[p]; e < down.offsets[p + 1]; ++e) {
+      const uint32_t q = down.index[e], count = offsets[q + 1] - offsets[q];
+      if (fine_diagonal && ProductRow::is_empty(fine_diagonal + kBlock * static_cast<size_t>(q))) {
+        place += count;
+        continue;
+      }
+      const float* block = product + kBlock * static_cast<size_t>(offsets[q]);
+      for (uint32_t f = 0; f < count; ++f, ++place, block += kBlock) add_block(*place == kOwn ? own : row + kBlock * *place, block, down.weight[e]);
     }
   }
 };
