@@ -206,13 +206,12 @@ struct ContactBlocks {
   ContactEnergy contact;
   const uint32_t *back_offsets, *back_samples;  // by place
   const float *back_weights, *free;
-  float share;
   float* blocks;
   KNEAD_HD void operator()(uint32_t p) const {
     float* block = blocks + 9 * static_cast<size_t>(p);
     for (uint32_t k = 0; k < 9; ++k) block[k] = 0;
     if (free[p] == 0) return;
-    for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e) contact.add_block(back_samples[e], share * back_weights[e], block);
+    for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e) contact.add_block(back_samples[e], back_weights[e], block);
   }
 };
 

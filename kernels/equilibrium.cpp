@@ -1,6 +1,7 @@
 #include "kernels/equilibrium.h"
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <optional>
@@ -13,22 +14,15 @@
 #include "kernels/rows.h"
 #include "kernels/simd_level.h"
 
-#include <cstdlib>
-#include <cstdio>
 namespace knead {
 namespace {
-double env(const char* n, double d) { const char* e = std::getenv(n); return e ? std::atof(e) : d; }
 
 constexpr int kMemory = History::kMost;                     // pairs that L-BFGS remembers
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
-constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
-constexpr int kRenewal = 5;                                 // the iteration at which the contacts are as good as known
+constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and from there whenever there are twice as many
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
-constexpr int kDeformedRenewal = 15;                        // the iteration at which the metric follows the body's deformation,
-constexpr int kDeformedInterval = 30;                       // and after how many it does so again,
-constexpr double kDeformed = 0.15;                          // when its energy is above this, over the sum of mu V0
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
@@ -224,15 +218,15 @@ class Solver {
     {
       ScopedTime time(figures_.factor_seconds);
       float* blocks = blocks_.data_for_write();
-      contacts_.make_blocks(static_cast<float>(1), blocks);
+      contacts_.make_blocks(blocks);
       metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_ ? *deformed_ : rest_.hessian, blocks);
       ++figures_.factors;
     }
     renew_bulk();
   }
 
-  // A body that is deformed throughout has little to do with the rest shape's metric.
-  void renew_for_deformation() {
+  // For the body as it is deformed now.
+  void renew_for_shape() {
     {
       ScopedTime time(figures_.factor_seconds);
       deformed_ = rest_.hessian_at(executor_, u_.data());
@@ -373,15 +367,11 @@ class Solver {
     int since_update = 0, still = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
-      if (done == static_cast<int>(env("KN_R", kRenewal))) {
-        if (contacts_.by_entries()) {  // the shape has the right side by now
-          contacts_.forget_entries();
-          now = evaluate(u_, gradient_);
-        }
-        renew_metric();
+      if (done == kFirstRenewal && contacts_.by_entries()) {  // the shape has the right side by now
+        contacts_.forget_entries();
+        now = evaluate(u_, gradient_);
       }
-      if (done == static_cast<int>(env("KN_A",8)) || done == static_cast<int>(env("KN_B", 16)) || done == static_cast<int>(env("KN_C", -1)) || (done > 30 && done % 30 == 10)) renew_for_deformation();
-      if (std::getenv("KNEAD_TRACE")) std::fprintf(stderr, "%d grad %.2e step %.1e change %.1e pen %.1e up %d ev %d scale %.2f\n", done, relative(now), figures_.step, now.contact.change/rest_.diagonal, now.contact.deepest/rest_.diagonal, figures_.updates, figures_.evaluations, scale_);
+      if (done >= kFirstRenewal && std::has_single_bit(static_cast<unsigned>(done))) renew_for_shape();
       if (done % kBulkInterval == 0 && done > 0) renew_bulk();
       if (!iterate(now)) {
         figures_.ended = "stalled";

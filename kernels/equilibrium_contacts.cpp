@@ -246,14 +246,14 @@ void EquilibriumContacts::stiffen(float by) {
   parallel_for(executor_, body_.count * samples(), "scale_floats", ScaleFloats{memory_.data_for_write(), 1 / by});
 }
 
-void EquilibriumContacts::make_blocks(float share, float* blocks) const {
+void EquilibriumContacts::make_blocks(float* blocks) const {
   const RestTables& s = rest_.on;
   if (!on_host())
-    return executor_.launch(ContactBlocks{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, share, blocks}, rest_.places);
+    return executor_.launch(ContactBlocks{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, blocks}, rest_.places);
   std::fill_n(blocks, 9 * size_t{rest_.places}, 0.0f);
   for (const uint32_t i : list_)
     for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
-      if (s.free[s.indices[e]] != 0) body_.add_block(i, share * s.weights[e], blocks + 9 * size_t{s.indices[e]});
+      if (s.free[s.indices[e]] != 0) body_.add_block(i, s.weights[e], blocks + 9 * size_t{s.indices[e]});
 }
 
 // The gradient of what M's enclosed volume costs goes to the samples' forces.

@@ -44,7 +44,7 @@ class EquilibriumContacts {
   void stiffen(float by);
 
   // What the samples that push add to the diagonal of a metric: blocks by place (kernels/multigrid_body.h), in the executor's memory.
-  void make_blocks(float share, float* blocks) const;
+  void make_blocks(float* blocks) const;
 
   bool keeps_volume() const { return !rest_.fans.empty(); }
   double volume_error() const { return seen_.volume.error; }
