@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "kernels/collide_body.h"
+#include "kernels/multigrid_body.h"
 #include "kernels/rows4.h"
 
 namespace knead {
@@ -208,8 +209,8 @@ struct ContactBlocks {
   const float *back_weights, *free;
   float* blocks;
   KNEAD_HD void operator()(uint32_t p) const {
-    float* block = blocks + 9 * static_cast<size_t>(p);
-    for (uint32_t k = 0; k < 9; ++k) block[k] = 0;
+    float* block = blocks + kBlock * static_cast<size_t>(p);
+    for (uint32_t k = 0; k < kBlock; ++k) block[k] = 0;
     if (free[p] == 0) return;
     for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e) contact.add_block(back_samples[e], back_weights[e], block);
   }

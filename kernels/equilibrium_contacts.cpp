@@ -250,10 +250,10 @@ void EquilibriumContacts::make_blocks(float* blocks) const {
   const RestTables& s = rest_.on;
   if (!on_host())
     return executor_.launch(ContactBlocks{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, blocks}, rest_.places);
-  std::fill_n(blocks, 9 * size_t{rest_.places}, 0.0f);
+  std::fill_n(blocks, kBlock * size_t{rest_.places}, 0.0f);
   for (const uint32_t i : list_)
     for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
-      if (s.free[s.indices[e]] != 0) body_.add_block(i, s.weights[e], blocks + 9 * size_t{s.indices[e]});
+      if (s.free[s.indices[e]] != 0) body_.add_block(i, s.weights[e], blocks + kBlock * size_t{s.indices[e]});
 }
 
 // The gradient of what M's enclosed volume costs goes to the samples' forces.

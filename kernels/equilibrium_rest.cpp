@@ -10,6 +10,7 @@
 
 #include "graph/error.h"
 #include "kernels/energy_lanes.h"
+#include "kernels/hessian_body.h"
 #include "kernels/hold.h"
 #include "kernels/loop_points.h"
 #include "kernels/neighbour_table.h"
@@ -246,15 +247,13 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   const auto before_metric = std::chrono::steady_clock::now();
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  auto grids = std::make_unique<MultigridGrids>(host, places, make_edges(tets, place, rest.free), rest.free, material.check_cancelled);
-  MultigridGrids& made_grids = *grids;
-  rest.grids = std::move(grids);
+  rest.grids = std::make_unique<MultigridGrids>(host, places, make_edges(tets, place, rest.free), rest.free, material.check_cancelled);
   find_slot_places(rest);
   rest.place_tables(host);
   rest.hessian = rest.hessian_at(host, nullptr);
-  made_grids.measure(host, energy_lanes(host), Multigrid(host, made_grids, rest.hessian, nullptr));
+  rest.grids->measure(host, energy_lanes(host), rest.hessian);
   if (!on_host) {
-    made_grids.place(executor);
+    rest.grids->place(executor);
     rest.place_tables(executor);
     rest.hessian = rest.hessian_at(executor, nullptr);
     executor.synchronise();  // other threads use them
@@ -266,8 +265,15 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
 }
 
 Hessian EquilibriumRest::hessian_at(Executor& executor, const Row4* u) const {
-  return make_hessian(executor, *grids, {u, on.corners, on.shape, on.mu, on.lambda, stride, term, nullptr},
-                      {nullptr, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, nullptr, nullptr, nullptr});
+  const MultigridLevel& finest = grids->levels().front();
+  Buffer<float> gradients(TetGradients::kFloats * stride, executor.memory()), entries(kBlock * finest.entries, executor.memory()),
+      diagonal(kBlock * size_t{places}, executor.memory());
+  float* of_tets = gradients.data_for_write();
+  parallel_for(executor, stride, "tet_gradients", TetGradients{u, on.corners, on.shape, on.mu, on.lambda, stride, term, of_tets});
+  parallel_for(executor, places, "hessian_row",
+               HessianRow{of_tets, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, finest.a.offsets, entries.data_for_write(),
+                          diagonal.data_for_write()});
+  return make_hessian(executor, *grids, std::move(entries), std::move(diagonal));
 }
 
 void EquilibriumRest::place_tables(Executor& executor) {

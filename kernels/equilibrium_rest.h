@@ -59,7 +59,7 @@ class EquilibriumRest {
   Surface surface;                          // M
   const MeshDistance& searchable(Executor& executor) const;  // M, for ray casts: made when it is first asked for
   double contact_scale = 1;                 // kc of `contact` = 1, per cell
-  std::unique_ptr<const MultigridGrids> grids;
+  std::unique_ptr<MultigridGrids> grids;
   Hessian hessian;  // at rest
   RestFigures figures;
 

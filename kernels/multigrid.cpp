@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "graph/error.h"
 #include "kernels/energy_lanes.h"
@@ -86,7 +87,7 @@ class RowUnion {
 };
 
 uint16_t as_place(uint32_t place) {
-  if (place >= HessianRow::kNone) throw Error(ErrorCode::kInput, "equilibrium: a vertex of H has too many neighbours for a multigrid metric");
+  if (place >= CoarseRow::kOwn) throw Error(ErrorCode::kInput, "equilibrium: a vertex of H has too many neighbours for a multigrid metric");
   return static_cast<uint16_t>(place);
 }
 
@@ -197,31 +198,33 @@ double MultigridGrids::expected_bytes(size_t vertices, size_t edges) {
 }
 
 // The power method, from a vector of signs.
-void MultigridGrids::measure(Executor& executor, const EnergyLanes& lanes, const Multigrid& rest) {
-  for (size_t k = 0; k + 1 < levels_.size(); ++k) {
-    const MultigridLevel& level = rest.levels()[k];
+void MultigridGrids::measure(Executor& host, const EnergyLanes& lanes, const Hessian& rest) {
+  const Multigrid metric(host, *this, rest, nullptr);
+  for (size_t k = 0; k < levels_.size(); ++k) {
+    const MultigridLevel& level = metric.levels()[k];
     const size_t rows = MultigridLevel::padded(level.size);
     Buffer<Row4> x(rows), y(rows), zero(rows);
     Row4 *now = x.data_for_write(), *next = y.data_for_write(), *none = zero.data_for_write();
     std::fill_n(none, rows, Row4{0, 0, 0, 0});
-    uint32_t bits = 1;
-    const auto sign = [&] { return (bits = bits * 1664525 + 1013904223) >> 31 ? 1.0f : -1.0f; };
+    std::minstd_rand bits;
+    const auto sign = [&] { return bits() % 2 == 0 ? 1.0f : -1.0f; };
     for (size_t p = 0; p < level.size; ++p) now[p] = {sign(), sign(), sign(), 0};
-    double size = 1;
-    for (int step = 0; step < kMeasure; ++step) {
-      run_rows(executor, level.size, Smooth{level.a, 0, 0, -1, none, now, now, next}, lanes.smooth);
-      size = 0;
-      for (size_t p = 0; p < level.size; ++p) size = std::max({size, std::abs(double{next[p].x}), std::abs(double{next[p].y}), std::abs(double{next[p].z})});
-      double before = 0, after = 0;
-      for (size_t p = 0; p < level.size; ++p) {
-        before += double{now[p].x} * now[p].x + double{now[p].y} * now[p].y + double{now[p].z} * now[p].z;
-        after += double{next[p].x} * next[p].x + double{next[p].y} * next[p].y + double{next[p].z} * next[p].z;
-      }
-      const float over = size > 0 ? static_cast<float>(1 / size) : 0;
-      for (size_t p = 0; p < level.size; ++p) now[p] = {over * next[p].x, over * next[p].y, over * next[p].z, 0};
-      size = before > 0 ? std::sqrt(after / before) : 1;
+    const auto squares = [&](const Row4* v) {
+      double sum = 0;
+      for (size_t p = 0; p < level.size; ++p) sum += static_cast<double>(dot(to_vec(v[p]), to_vec(v[p])));
+      return sum;
+    };
+    double before = squares(now), largest = 1;
+    for (int step = 0; step < kMeasure && before > 0; ++step) {
+      run_rows(host, level.size, Smooth{level.a, 0, 0, -1, none, now, now, next}, lanes.smooth);
+      const double after = squares(next);
+      largest = std::sqrt(after / before);
+      const float over = after > 0 ? static_cast<float>(1 / std::sqrt(after)) : 0;
+      for (size_t p = 0; p < level.size; ++p) next[p] = to_row(over * to_vec(next[p]));
+      std::swap(now, next);
+      before = squares(now);
     }
-    levels_[k].largest = std::max(1.0f, kSafety * static_cast<float>(size));
+    levels_[k].largest = std::max(1.0f, kSafety * static_cast<float>(largest));
   }
 }
 
@@ -241,23 +244,16 @@ void make_coarse(Executor& executor, const MultigridLevel& fine, const Multigrid
 
 }  // namespace
 
-Hessian make_hessian(Executor& executor, const MultigridGrids& grids, TetGradients tets, HessianRow row) {
-  const std::vector<MultigridLevel>& levels = grids.levels();
-  MultigridLevel fine = levels[0];
-  Buffer<float> gradients(TetGradients::kFloats * tets.stride, executor.memory());
-  tets.to = gradients.data_for_write();
-  parallel_for(executor, tets.stride, "tet_gradients", tets, 1024);
-  Hessian made{blocks(executor, fine.entries), blocks(executor, fine.size), {}, {}};
-  row.gradients = tets.to;
-  row.stride = tets.stride;
-  row.offsets = fine.a.offsets;
-  fine.a.value = row.value = made.entries.data_for_write();
-  fine.a.diagonal = row.diagonal = made.diagonal.data_for_write();
-  parallel_for(executor, fine.size, "hessian_row", row, kRows);
-  if (levels.size() == 1) return made;
-  made.coarse_entries = blocks(executor, levels[1].entries);
-  made.coarse_diagonal = blocks(executor, levels[1].size);
-  make_coarse(executor, fine, levels[1], false, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write());
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, Buffer<float> entries, Buffer<float> diagonal) {
+  Hessian made{std::move(entries), std::move(diagonal), {}, {}};
+  if (grids.levels().size() == 1) return made;
+  MultigridLevel fine = grids.levels()[0];
+  const MultigridLevel& coarse = grids.levels()[1];
+  fine.a.value = made.entries.view(executor.device()).data();
+  fine.a.diagonal = made.diagonal.view(executor.device()).data();
+  made.coarse_entries = blocks(executor, coarse.entries);
+  made.coarse_diagonal = blocks(executor, coarse.size);
+  make_coarse(executor, fine, coarse, false, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write());
   return made;
 }
 

@@ -11,7 +11,6 @@
 #include <span>
 #include <vector>
 
-#include "kernels/hessian_body.h"
 #include "kernels/multigrid_body.h"
 #include "kernels/multigrid_grids.h"
 #include "kernels/placed.h"
@@ -33,9 +32,9 @@ struct MultigridLevel {
   static size_t padded(size_t rows) { return (rows + 15) / 16 * 16; }
 };
 
-// What belongs to the rest shape.
-class Multigrid;
+struct Hessian;
 
+// What belongs to the rest shape.
 class MultigridGrids {
  public:
   // `edges`: lower vertex first, rising. Vertices that are not `free` must have no entries; they stay at zero when they are zero.
@@ -51,8 +50,8 @@ class MultigridGrids {
   double bytes() const;      // of these, of one matrix for all frames and of a frame's own
   static double expected_bytes(size_t vertices, size_t edges);
 
-  // Largest eigenvalues, from the matrix at rest.
-  void measure(Executor& executor, const EnergyLanes& lanes, const Multigrid& rest);
+  // The largest eigenvalues, from the matrix at rest, on the host; without it no cycle is any good.
+  void measure(Executor& host, const EnergyLanes& lanes, const Hessian& rest);
 
  private:
   struct Grid {
@@ -68,12 +67,11 @@ class MultigridGrids {
   Placed placed_;
 };
 
-// A matrix without what pushes: on the finest grid, and on the next.
+// A matrix without what pushes: on the finest grid, blocks as `pattern` has the entries, and on the next.
 struct Hessian {
   Buffer<float> entries, diagonal, coarse_entries, coarse_diagonal;
 };
-// `row`: all but its gradients, pattern and results; `tets`: all but its results.
-Hessian make_hessian(Executor& executor, const MultigridGrids& grids, TetGradients tets, HessianRow row);
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, Buffer<float> entries, Buffer<float> diagonal);
 
 class Multigrid {
  public:
