@@ -216,11 +216,11 @@ class Solver {
   // Of the shape that the Hessian was last made for, with the samples that push now.
   void renew_metric() {
     {
-      ScopedTime time(figures_.factor_seconds);
+      ScopedTime time(figures_.renewal_seconds);
       float* blocks = blocks_.data_for_write();
       contacts_.make_blocks(blocks);
       metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_ ? *deformed_ : rest_.hessian, blocks);
-      ++figures_.factors;
+      ++figures_.metrics;
     }
     renew_bulk();
   }
@@ -228,7 +228,7 @@ class Solver {
   // For the body as it is deformed now.
   void renew_for_shape() {
     {
-      ScopedTime time(figures_.factor_seconds);
+      ScopedTime time(figures_.renewal_seconds);
       deformed_ = rest_.hessian_at(executor_, u_.data());
       scale_ = 1;
     }

@@ -1,4 +1,5 @@
-// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over a metric of the rest shape.
+// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over a multigrid cycle
+// (kernels/multigrid.h).
 #pragma once
 #include <functional>
 #include <memory>
@@ -22,16 +23,15 @@ struct EquilibriumMaterial {
   const Buffer<float>* pins = nullptr;
   bool keep_volume = true;  // M as a whole keeps the volume that it encloses
   int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
-  double memory_limit = 4e9;  // bytes for the metric
+  double memory_limit = 8e9;  // bytes for the metric
   std::function<void()> check_cancelled;
   void check() const {
     if (check_cancelled) check_cancelled();
   }
 };
 
-// Tables and the metric: made once, shared by all frames and threads. The host makes them, from a mesh and a lattice in its memory; on a device, which
-// takes copies of them, the metric is always multigrid. Throws Error(kMemory), before it starts, when the metric would need more than
-// the limit; Error(kInput) for paint that is no number or does not fit.
+// Tables and grids: made once, shared by all frames and threads. The host makes them, from a mesh and a lattice in its memory; a device takes copies.
+// Throws Error(kMemory), before it starts, when the metric would need more than the limit; Error(kInput) for paint that is no number or does not fit.
 class EquilibriumRest;
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
                                                            const EquilibriumMaterial& material);
@@ -61,7 +61,8 @@ struct EquilibriumSettings {
 };
 
 struct EquilibriumFigures {
-  int iterations = 0, evaluations = 0, updates = 0, factors = 0;
+  int iterations = 0, evaluations = 0, updates = 0;
+  int metrics = 0;          // made for this frame
   int way_in = 0;           // iterations that the colliders needed to come in from outside (kernels/approach.h), of all
   size_t undecided = 0;     // colliders that are in so deep that their side cannot be told: the nearest way out was taken
   size_t enclosed = 0;      // colliders that lie inside M at rest without touching it: nothing says that they should
@@ -73,7 +74,7 @@ struct EquilibriumFigures {
   double energy = 0;
   double volume = 0;  // error of the enclosed volume, relative; 0 when it is not kept
   size_t contacts = 0;
-  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, factor_seconds = 0, seconds = 0;
+  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, renewal_seconds = 0, seconds = 0;
 };
 
 // H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. Starts from rest. `rest` is

@@ -44,7 +44,6 @@ class EquilibriumRest {
   size_t tets = 0, stride = 0;      // stride: tets, padded to lanes
   Buffer<uint32_t> corners;         // [4][stride]
   Buffer<float> shape, mu, lambda;
-  size_t edges = 0;                           // of H
   std::vector<uint32_t> slot_offsets, slots;  // by place: which rows of the tets' forces act on it
   std::vector<uint16_t> slot_places;          // [slots][4] as HessianRow has them
   std::vector<float> hold;                    // by place, cells^-2 times cells^3

@@ -194,7 +194,7 @@ double MultigridGrids::bytes() const {
 }
 
 double MultigridGrids::expected_bytes(size_t vertices, size_t edges) {
-  return 400.0 * static_cast<double>(vertices) + 1.3 * 2 * (2 * 4.0 * kBlock + 4) * static_cast<double>(edges);
+  return 300.0 * static_cast<double>(vertices) + 500.0 * static_cast<double>(edges);
 }
 
 // The power method, from a vector of signs.

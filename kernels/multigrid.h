@@ -48,7 +48,7 @@ class MultigridGrids {
   size_t solve_rows() const { return MultigridLevel::padded(levels_.front().size); }
   size_t work_rows() const;  // what a cycle takes beside
   double bytes() const;      // of these, of one matrix for all frames and of a frame's own
-  static double expected_bytes(size_t vertices, size_t edges);
+  static double expected_bytes(size_t vertices, size_t edges);  // of a body that is thick, roughly: measured
 
   // The largest eigenvalues, from the matrix at rest, on the host; without it no cycle is any good.
   void measure(Executor& host, const EnergyLanes& lanes, const Hessian& rest);

@@ -54,15 +54,15 @@ touch nothing, as bones do.
 
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
-It starts from rest and runs L-BFGS over a metric of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept: one sparse Cholesky factor, or for an H of
-more than 5,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
-balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `rounding` (a touch so light that
+It starts from rest and runs L-BFGS over a metric (Liu, Bouaziz, Kavan 2017): one multigrid cycle with the energy's second derivative, kept positive, a block of
+three by three per edge of H. Its grids belong to the rest shape and are made once; the matrix follows the shape and what pushes at iterations 4, 8, 16, 32 and so
+on. It ends when the forces balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `rounding` (a touch so light that
 float32 gets it no nearer to balance), `iterations` or `stalled`. What is left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode
 project. Where no collider is nearer than the gap, M comes out untouched.
 The same bits for any number of threads.
 
-On a device the metric is always multigrid, and a descent stays there: after an evaluation of the energy the host reads a few sums. The tables and the grids are
-made on the host, once; so is, in a frame, the search for the way in, and for a body that is deformed throughout the metric's matrix.)";
+On a device a descent stays there: after an evaluation of the energy the host reads a few sums. The tables and the grids are made on the host, once, and so is,
+in a frame, the search for the way in.)";
 
 ElasticTerm term_of(const std::string& name) {
   return name == "edges" ? ElasticTerm::kEdges : name == "corotated" ? ElasticTerm::kCorotated : ElasticTerm::kStableNeoHookean;
@@ -231,7 +231,7 @@ class Equilibrium : public Node {
     report.set("elastic_milliseconds", 1e3 * figures.elastic_seconds);
     report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
     report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
-    report.set("metric_renewal_milliseconds", 1e3 * figures.factor_seconds);
+    report.set("metric_renewal_milliseconds", 1e3 * figures.renewal_seconds);
     report.set("metric_megabytes", 1e-6 * rest.metric_bytes);
     report.set("metric_set_up_milliseconds", 1e3 * rest.metric_seconds);
     report.set("prepare_milliseconds", 1e3 * rest.seconds);
