@@ -169,7 +169,10 @@ class CudaBackend final : public DeviceBackend {
   }
   ~CudaBackend() override {
     if (cudaSetDevice(index_) != cudaSuccess) return;  // the process is ending, and CUDA is gone
-    cudaDeviceSynchronize();
+    // Stream by stream: waiting for the device as a whole would end what others in the process are recording.
+    for (const auto& [thread, lane] : lanes_)
+      if (lane) cudaStreamSynchronize(lane->stream());
+    for (const auto& lane : idle_) cudaStreamSynchronize(lane->stream());
     lanes_.clear();
     idle_.clear();
     cudaMemPoolDestroy(pool_);

@@ -99,6 +99,8 @@ TEST(DeviceLoop, RoundsAfterTheEndComeToNothing) {
   EXPECT_EQ(stops, overruns);
   EXPECT_EQ(stops.rounds, 6);
   EXPECT_EQ(overruns.rounds, 16);
+  EXPECT_EQ(stops.figures.loop_launches, 1u) << "it goes on by itself";
+  EXPECT_EQ(overruns.figures.loop_launches, 16u);
 }
 
 // What a node of the loop does on the host is caught, and the loop is run from there: slower, and right.
