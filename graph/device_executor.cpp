@@ -94,6 +94,10 @@ void DeviceExecutor::end_frames() {
   changed_.notify_all();
 }
 
+void DeviceExecutor::between_frames(bool between) {
+  frames_for = between ? nullptr : this;
+}
+
 void DeviceExecutor::run(const RecordedLoop& loop) {
   backend_->synchronise();  // what it reads may be on its way, and another thread may run it
   if (frames_for != this) {

@@ -72,6 +72,7 @@ class DeviceExecutor final : public Executor, private MemoryResource {
   int frames_at_once() const override { return kFramesAtOnce; }
   void begin_frames() override;
   void end_frames() override;
+  void between_frames(bool between) override;
   std::unique_ptr<LoopRecorder> record_loop() override;
 
   DeviceFigures figures() const;

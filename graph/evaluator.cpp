@@ -442,7 +442,9 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
         continue;
       }
       try {
+        if (in_order) impl_->device->between_frames(true);  // `done` may evaluate on this device, and other frames wait for the lock
         done(std::move(result));
+        if (in_order) impl_->device->between_frames(false);
       } catch (...) {
         next = frames.size();
         throw;
