@@ -53,6 +53,14 @@ struct FrameState {
   std::vector<std::vector<std::string>> warnings;
 };
 
+void let_end(Executor& executor) noexcept {
+  try {
+    executor.synchronise();
+  } catch (...) {
+    // The device has failed: nothing runs any more.
+  }
+}
+
 void merge(std::vector<std::string>& into, const std::vector<std::string>& more) {
   into.insert(into.end(), more.begin(), more.end());
   std::sort(into.begin(), into.end());
@@ -312,7 +320,12 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
     context.check_cancelled();
     context.bring_inputs();
     ++evaluations[index];
-    context.evaluate();
+    try {
+      context.evaluate();
+    } catch (...) {
+      let_end(context.executor());  // what it has launched reads what other threads may free once it has failed
+      throw;
+    }
     context.executor().synchronise();  // what is published is complete, for every thread
     state.times[index].push_back({node.name, seconds_since(start), false});
     seconds[index] += state.times[index].back().seconds;
@@ -429,7 +442,9 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
         continue;
       }
       try {
+        if (in_order) impl_->device->between_frames(true);  // `done` may evaluate on this device, and other frames wait for the lock
         done(std::move(result));
+        if (in_order) impl_->device->between_frames(false);
       } catch (...) {
         next = frames.size();
         throw;
