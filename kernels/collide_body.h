@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "kernels/data.h"
+#include "kernels/pack.h"
 #include "kernels/sdf_sample.h"
 #include "kernels/vec.h"
 
@@ -77,11 +78,21 @@ struct CollidePush {
   // True only where no collider is as near as its margin, whatever its distance: most of most bodies. False for NaN.
   KNEAD_HD bool is_far(const Vec3f& y, float left) const {
     for (uint32_t k = 0; k < count; ++k) {
-      const Vec3f at = seen_by(k, y, left), &l = lower[k], &u = upper[k];
-      const bool outside = (at.x < l.x) | (at.y < l.y) | (at.z < l.z) | (at.x > u.x) | (at.y > u.y) | (at.z > u.z);
-      if (!outside) return false;
+      const Vec3f at = seen_by(k, y, left);
+      if (!outside(at, lower[k], upper[k])) return false;
     }
     return true;
+  }
+  static KNEAD_HD bool outside(const Vec3f& y, const Vec3f& l, const Vec3f& u) {
+#if defined(__SSE2__) && !defined(__CUDACC__)  // most of what a push does: three comparisons at once
+    const auto row = [](const Vec3f& v) {
+      return _mm_movelh_ps(_mm_loadl_pi(_mm_setzero_ps(), reinterpret_cast<const __m64*>(&v.x)), _mm_load_ss(&v.z));
+    };
+    const __m128 at = row(y);
+    return _mm_movemask_ps(_mm_or_ps(_mm_cmplt_ps(at, row(l)), _mm_cmpgt_ps(at, row(u)))) != 0;
+#else
+    return y.x < l.x || y.y < l.y || y.z < l.z || y.x > u.x || y.y > u.y || y.z > u.z;
+#endif
   }
 
   // The distance of y above the margin of the collider that it is deepest in, and which that is.
