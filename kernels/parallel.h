@@ -71,7 +71,7 @@ void reduce_on_host(Executor& executor, size_t n, const Body& body) {
   if constexpr (requires { body.sum_on_host(executor, n); })
     body.finish(body.sum_on_host(executor, n));
   else
-    body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine));
+    body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, [](const auto& a, const auto& b) { return Body::combine(a, b); }));
 }
 
 // The body as devices run it: blocks of indices to `partial`, which depend on n alone, then these to one.
