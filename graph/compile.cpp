@@ -278,8 +278,9 @@ bool Compiler::set_param(Scope& scope, Node& node, const std::string& full, cons
   for (const InputDeclaration& input : node.inputs()) known.push_back(input.name);
   for (const ParamBase* param : node.params()) known.push_back(param->name());
   if (dynamic_cast<Iterate*>(&node)) known.insert(known.end(), {"state", "body", "next"});
+  const std::string gone = node.what_became_of(argument.name);
   fail(where_of(scope, *argument.key, full, argument.name), "the node has no such input or parameter",
-       did_you_mean(argument.name, known, "it takes "));
+       gone.empty() ? did_you_mean(argument.name, known, "it takes ") : gone);
   return false;
 }
 

@@ -3,6 +3,7 @@
 // Every thread that uses the device has a stream of its own, so that frames run side by side. Storage comes from a stream-ordered pool that keeps
 // what it was given back. What a node publishes is complete (the evaluator synchronises), so buffers need no events.
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <cstring>
 #include <mutex>
@@ -40,6 +41,8 @@ constexpr int kRoundsPerBatch = 16;  // where it cannot: rounds between two look
 void check(cudaError_t status, const char* what) {
   if (status == cudaSuccess) return;
   cudaGetLastError();
+  if (status == cudaErrorMemoryAllocation)  // CUDA's own: streams, graphs, code, the kernels' stacks
+    throw Error(ErrorCode::kMemory, std::string("out of memory for CUDA itself: ") + what, "run fewer frames at once, or lower the resolution");
   throw Error(ErrorCode::kDevice, std::string("CUDA: ") + what + ": " + cudaGetErrorString(status),
               "run the frame again with --device cpu; a device that has failed serves no further frames of this run");
 }
@@ -76,10 +79,13 @@ __global__ void end_rounds_for_graph(const LoopEnd* ends, uint32_t frames, uint3
 }
 #endif
 
-// A thread's way to the device.
+// A thread's way to the device. What `open` has made when it fails goes with the lane.
 class Lane {
  public:
-  Lane() {
+  Lane() = default;
+  Lane(const Lane&) = delete;
+  Lane& operator=(const Lane&) = delete;
+  void open() {
     check(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "making a stream");
     for (Staging& one : staging_) {
       check(cudaMallocHost(&one.memory, kStagingBytes), "pinning memory for transfers");
@@ -149,6 +155,7 @@ class CudaBackend final : public DeviceBackend {
     cudaFuncAttributes attributes;
     check(cudaFuncGetAttributes(&attributes, run_body<LoopBegin>),
           "looking for code for this device: is its architecture in CMAKE_CUDA_ARCHITECTURES?");
+    total_ = properties.totalGlobalMem;
     int driver = 0;
     check(cudaDriverGetVersion(&driver), "asking for the driver's version");
     conditional_ = graph_loops && driver >= kConditionalNodes;
@@ -162,7 +169,10 @@ class CudaBackend final : public DeviceBackend {
   }
   ~CudaBackend() override {
     if (cudaSetDevice(index_) != cudaSuccess) return;  // the process is ending, and CUDA is gone
-    cudaDeviceSynchronize();
+    // Stream by stream: waiting for the device as a whole would end what others in the process are recording.
+    for (const auto& [thread, lane] : lanes_)
+      if (lane) cudaStreamSynchronize(lane->stream());
+    for (const auto& lane : idle_) cudaStreamSynchronize(lane->stream());
     lanes_.clear();
     idle_.clear();
     cudaMemPoolDestroy(pool_);
@@ -173,13 +183,12 @@ class CudaBackend final : public DeviceBackend {
   std::string describe() const override { return description_; }
 
   void* allocate(size_t bytes) override {
+    if (bytes > total_) return nullptr;  // what CUDA calls a size beyond its address space is not said
     Lane& lane = use();
     void* storage = nullptr;
     cudaError_t status = cudaMallocFromPoolAsync(&storage, bytes, pool_, lane.stream());
-    if (status == cudaErrorMemoryAllocation) {  // give back what the pool keeps, and try again
-      cudaGetLastError();
-      check(cudaStreamSynchronize(lane.stream()), "waiting for the device");
-      cudaMemPoolTrimTo(pool_, 0);
+    if (status == cudaErrorMemoryAllocation) {
+      trim(lane);
       status = cudaMallocFromPoolAsync(&storage, bytes, pool_, lane.stream());
     }
     if (status == cudaErrorMemoryAllocation) {
@@ -191,14 +200,17 @@ class CudaBackend final : public DeviceBackend {
   }
   void release(void* storage) noexcept override {
     try {
-      cudaFreeAsync(storage, use().stream());
+      if (cudaFreeAsync(storage, use().stream()) != cudaSuccess) cudaGetLastError();  // else the next launch would be blamed for it
     } catch (...) {
       cudaGetLastError();  // a device that has failed frees nothing
     }
   }
   std::string free_memory() override {
     size_t free = 0, all = 0;
-    if (cudaMemGetInfo(&free, &all) != cudaSuccess) return "and the device does not say what is free";
+    if (cudaMemGetInfo(&free, &all) != cudaSuccess) {
+      cudaGetLastError();
+      return "and the device does not say what is free";
+    }
     return in_gigabytes(free) + " of " + in_gigabytes(all) + " are free";
   }
 
@@ -206,11 +218,18 @@ class CudaBackend final : public DeviceBackend {
   void copy_to_host(const void* here, void* host, size_t bytes) override { use().copy_to_host(here, host, bytes); }
   void launch(const Kernel& kernel, const void* body, uint32_t n) override {
     if (!kernel.cuda.one) throw Error(ErrorCode::kDevice, std::string("kernel ") + kernel.name + " has no code for CUDA in this build");
-    kernel.cuda.one(body, n, use().stream());
-    check(cudaGetLastError(), kernel.name);
+    Lane& lane = use();
+    kernel.cuda.one(body, n, lane.stream());
+    cudaError_t status = cudaGetLastError();
+    if (status == cudaErrorMemoryAllocation) {  // for its code or its stack, on its first launch
+      trim(lane);
+      kernel.cuda.one(body, n, lane.stream());
+      status = cudaGetLastError();
+    }
+    check(status, kernel.name);
   }
   void synchronise() override { check(cudaStreamSynchronize(use().stream()), "waiting for the device"); }
-  void run_loops(const std::vector<const RecordedLoop*>& loops) override;
+  int run_loops(const std::vector<const RecordedLoop*>& loops) override;
 
   // Makes the device the calling thread's, and finds the thread's lane.
   Lane& use() {
@@ -221,7 +240,11 @@ class CudaBackend final : public DeviceBackend {
       lane = std::move(idle_.back());
       idle_.pop_back();
     }
-    if (!lane) lane = std::make_unique<Lane>();
+    if (!lane) {
+      auto made = std::make_unique<Lane>();
+      made->open();
+      lane = std::move(made);
+    }
     return *lane;
   }
   void thread_ends() override {
@@ -233,8 +256,16 @@ class CudaBackend final : public DeviceBackend {
   }
 
  private:
+  // Gives back what the pool keeps, for another try.
+  void trim(Lane& lane) {
+    cudaGetLastError();
+    check(cudaStreamSynchronize(lane.stream()), "waiting for the device");
+    if (cudaMemPoolTrimTo(pool_, 0) != cudaSuccess) cudaGetLastError();
+  }
+
   int index_;
-  bool conditional_ = false;
+  std::atomic<bool> conditional_{false};
+  size_t total_ = 0;
   std::string description_;
   cudaMemPool_t pool_ = nullptr;
   std::mutex mutex_;
@@ -288,25 +319,23 @@ class LoopsOnDevice {
   LoopsOnDevice(const LoopsOnDevice&) = delete;
   LoopsOnDevice& operator=(const LoopsOnDevice&) = delete;
   ~LoopsOnDevice() {
-    if (capturing_) {
-      cudaGraph_t unused = nullptr;
-      cudaStreamEndCapture(capturing_, &unused);
-      cudaStreamDestroy(capturing_);
-    }
-    if (ready_) cudaGraphExecDestroy(ready_);
-    if (graph_) cudaGraphDestroy(graph_);
-    cudaGetLastError();
+    cudaStreamSynchronize(stream_);  // after an error, rounds may still be on their way, and other threads free what they read
+    drop_graph();
     if (storage_) device_.release(storage_);
   }
 
-  void run() {
-    make_graph();
-    if (repeats_)
-      check(cudaGraphLaunch(ready_, stream_), "launching a loop");
-    else
-      run_in_batches();
+  // Returns how many graphs the host has launched.
+  int run() {
+    if (repeats_ && !launch_repeating()) repeats_ = false;
+    int launches = 1;
+    if (!repeats_) {
+      make_graph();
+      launches = run_in_batches();
+    }
     check(cudaStreamSynchronize(stream_), "waiting for a loop");
+    return launches;
   }
+  bool repeats() const { return repeats_; }
 
  private:
   static constexpr size_t kAlignment = 256;
@@ -343,6 +372,19 @@ class LoopsOnDevice {
     if (first.words > 0) launch(kernel_of<LoopCommit>(), &first.commit, commit_, always_, first.words);
   }
 
+  // False when CUDA refuses: what the driver's version promises, a kind of device or a part of one may lack. Batches give the same bits.
+  bool launch_repeating() {
+    try {
+      make_graph();
+      check(cudaGraphLaunch(ready_, stream_), "launching a loop");
+      return true;
+    } catch (const Error& error) {
+      if (error.code() == ErrorCode::kMemory) throw;
+      drop_graph();
+      return false;
+    }
+  }
+
   void make_graph() {
     check(cudaStreamCreateWithFlags(&capturing_, cudaStreamNonBlocking), "making a stream");
     // Relaxed: other threads go on as they like.
@@ -367,16 +409,30 @@ class LoopsOnDevice {
 #endif
       check(cudaStreamBeginCapture(capturing_, cudaStreamCaptureModeRelaxed), "recording a loop");
     launch_round(capturing_);
+    check(end_capture(), "recording a loop");
+    check(cudaGraphInstantiate(&ready_, graph_, 0), "making a loop ready");
+  }
+  // A loop's body whose capture has failed is freed by CUDA although its graph still holds it: destroying that graph would end the process
+  // (NVIDIA/cuda-python 2918), so it is left alone.
+  cudaError_t end_capture() {
     cudaGraph_t captured = nullptr;
     const cudaError_t status = cudaStreamEndCapture(capturing_, &captured);
-    if (!repeats_) graph_ = captured;
+    if (!repeats_)
+      graph_ = captured;
+    else if (status != cudaSuccess)
+      graph_ = nullptr;
     cudaStreamDestroy(std::exchange(capturing_, nullptr));
-    check(status, "recording a loop");
-    check(cudaGraphInstantiate(&ready_, graph_, 0), "making a loop ready");
+    return status;
+  }
+  void drop_graph() {
+    if (capturing_) end_capture();
+    if (ready_) cudaGraphExecDestroy(std::exchange(ready_, nullptr));
+    if (graph_) cudaGraphDestroy(std::exchange(graph_, nullptr));
+    cudaGetLastError();
   }
 
   // While a batch runs, the next is on its way already: the device does not wait for the host. Two batches too many are the price.
-  void run_in_batches() {
+  int run_in_batches() {
     struct Look {
       uint32_t* any = nullptr;
       cudaEvent_t seen = nullptr;
@@ -399,9 +455,10 @@ class LoopsOnDevice {
       launch(looks[batch % 2]);
       const Look& before = looks[(batch - 1) % 2];
       check(cudaEventSynchronize(before.seen), "waiting for a loop");
-      if (!*before.any) break;
+      if (*before.any) continue;
+      check(cudaStreamSynchronize(stream_), "waiting for a loop");  // the last look writes to memory that goes
+      return (batch + 1) * kRoundsPerBatch;
     }
-    check(cudaStreamSynchronize(stream_), "waiting for a loop");
   }
 
   CudaBackend& device_;
@@ -419,9 +476,21 @@ class LoopsOnDevice {
 #endif
 };
 
-void CudaBackend::run_loops(const std::vector<const RecordedLoop*>& loops) {
+int CudaBackend::run_loops(const std::vector<const RecordedLoop*>& loops) {
   Lane& lane = use();
-  LoopsOnDevice(*this, lane, loops, conditional_).run();
+  const auto run = [&] {
+    LoopsOnDevice on_device(*this, lane, loops, conditional_);
+    const int launches = on_device.run();
+    if (!on_device.repeats()) conditional_ = false;
+    return launches;
+  };
+  try {
+    return run();
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::kMemory) throw;
+  }
+  trim(lane);  // what CUDA needs for itself may be what the pool keeps; rounds that were made stay made
+  return run();
 }
 
 // "" or why there is none.
@@ -447,7 +516,11 @@ CudaDevices cuda_devices() {
   found.missing = missing_cuda(count);
   for (int index = 0; index < count; ++index) {
     cudaDeviceProp properties;
-    if (cudaGetDeviceProperties(&properties, index) != cudaSuccess) continue;
+    if (const cudaError_t status = cudaGetDeviceProperties(&properties, index); status != cudaSuccess) {
+      cudaGetLastError();
+      found.missing = cudaGetErrorString(status);
+      continue;
+    }
     const std::string name = std::string(properties.name) + ", " + in_gigabytes(properties.totalGlobalMem) + ", compute capability " +
                              std::to_string(properties.major) + "." + std::to_string(properties.minor);
     if (is_new_enough(properties))

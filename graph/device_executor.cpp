@@ -94,9 +94,16 @@ void DeviceExecutor::end_frames() {
   changed_.notify_all();
 }
 
+void DeviceExecutor::between_frames(bool between) {
+  frames_for = between ? nullptr : this;
+}
+
 void DeviceExecutor::run(const RecordedLoop& loop) {
   backend_->synchronise();  // what it reads may be on its way, and another thread may run it
-  if (frames_for != this) return backend_->run_loops({&loop});
+  if (frames_for != this) {
+    loop_launches_ += static_cast<uint64_t>(backend_->run_loops({&loop}));
+    return;
+  }
   Waiting mine{&loop, false, false, {}};
   std::unique_lock lock(mutex_);
   waiting_.push_back(&mine);
@@ -131,7 +138,7 @@ void DeviceExecutor::run_together(const std::vector<Waiting*>& all) {
     std::erase_if(left, [&](Waiting* one) { return std::find(group.begin(), group.end(), one) != group.end(); });
     if (group.size() > 1) joined_ += group.size();
     try {
-      backend_->run_loops(alike);
+      loop_launches_ += static_cast<uint64_t>(backend_->run_loops(alike));
     } catch (...) {
       for (Waiting* one : group) one->error = std::current_exception();
     }
@@ -161,7 +168,7 @@ void DeviceExecutor::release(void* storage, size_t bytes) noexcept {
 }
 
 DeviceFigures DeviceExecutor::figures() const {
-  return {allocations_, copies_, copied_bytes_, launches_, loops_, recorded_, joined_, bytes_, most_bytes_};
+  return {allocations_, copies_, copied_bytes_, launches_, loops_, recorded_, joined_, loop_launches_, bytes_, most_bytes_};
 }
 
 }  // namespace knead

@@ -44,13 +44,15 @@ class DeviceBackend {
   virtual void launch(const Kernel& kernel, const void* body, uint32_t n) = 0;
   virtual void synchronise() = 0;
   virtual void thread_ends() {}  // the calling thread needs the device no more
-  // Runs loops that are alike, round by round, each while its end.running(), and waits. What they read must be complete.
-  virtual void run_loops(const std::vector<const RecordedLoop*>& loops) = 0;
+  // Runs loops that are alike, round by round, each while its end.running(), and waits. What they read must be complete. Returns how often the host
+  // had to start something: once where the device goes on by itself.
+  virtual int run_loops(const std::vector<const RecordedLoop*>& loops) = 0;
 };
 
 struct DeviceFigures {
   uint64_t allocations = 0, copies = 0, copied_bytes = 0, launches = 0, loops = 0, recorded = 0;
   uint64_t joined = 0;               // loops that were run together with others
+  uint64_t loop_launches = 0;        // what the host has started for loops: once for all that run together, where the device goes on by itself
   size_t bytes = 0, most_bytes = 0;  // allocated now, and at most
 };
 
@@ -70,6 +72,7 @@ class DeviceExecutor final : public Executor, private MemoryResource {
   int frames_at_once() const override { return kFramesAtOnce; }
   void begin_frames() override;
   void end_frames() override;
+  void between_frames(bool between) override;
   std::unique_ptr<LoopRecorder> record_loop() override;
 
   DeviceFigures figures() const;
@@ -96,7 +99,7 @@ class DeviceExecutor final : public Executor, private MemoryResource {
   size_t with_frames_ = 0;  // threads
   bool leading_ = false;
   std::vector<Waiting*> waiting_;
-  std::atomic<uint64_t> allocations_{0}, copies_{0}, copied_bytes_{0}, launches_{0}, loops_{0}, recorded_{0}, joined_{0};
+  std::atomic<uint64_t> allocations_{0}, copies_{0}, copied_bytes_{0}, launches_{0}, loops_{0}, recorded_{0}, joined_{0}, loop_launches_{0};
   std::atomic<size_t> bytes_{0}, most_bytes_{0};
 };
 

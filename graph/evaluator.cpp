@@ -53,6 +53,14 @@ struct FrameState {
   std::vector<std::vector<std::string>> warnings;
 };
 
+void let_end(Executor& executor) noexcept {
+  try {
+    executor.synchronise();
+  } catch (...) {
+    // The device has failed: nothing runs any more.
+  }
+}
+
 void merge(std::vector<std::string>& into, const std::vector<std::string>& more) {
   into.insert(into.end(), more.begin(), more.end());
   std::sort(into.begin(), into.end());
@@ -312,7 +320,12 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
     context.check_cancelled();
     context.bring_inputs();
     ++evaluations[index];
-    context.evaluate();
+    try {
+      context.evaluate();
+    } catch (...) {
+      let_end(context.executor());  // what it has launched reads what other threads may free once it has failed
+      throw;
+    }
     context.executor().synchronise();  // what is published is complete, for every thread
     state.times[index].push_back({node.name, seconds_since(start), false});
     seconds[index] += state.times[index].back().seconds;
@@ -372,12 +385,34 @@ FrameResult Evaluator::Impl::evaluate(int frame, const std::vector<std::string>&
   return result;
 }
 
+namespace {
+
+// A node that was run before its frame is in the cache when the frame asks for it: it gets its times back.
+std::vector<NodeTime> in_place_of_cached(const std::vector<NodeTime>& times, const std::vector<std::vector<NodeTime>>& prepared) {
+  std::vector<NodeTime> result;
+  for (const NodeTime& time : times) {
+    const auto known =
+        std::find_if(prepared.begin(), prepared.end(), [&](const auto& parts) { return time.cached && !parts.empty() && parts.front().name == time.name; });
+    if (known == prepared.end())
+      result.push_back(time);
+    else
+      result.insert(result.end(), known->begin(), known->end());
+  }
+  return result;
+}
+
+}  // namespace
+
 void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                                 const std::function<void(FrameResult)>& done) {
   if (frames.empty()) return;
-  prepare(frames.front(), outputs, effects);
-  const std::vector<int> starved = run_frames(frames, std::max(impl_->host->threads(), impl_->device->frames_at_once()), outputs, effects, done);
-  run_frames(starved, 1, outputs, effects, done);
+  const std::vector<std::vector<NodeTime>> prepared = prepare(frames, outputs, effects);
+  const auto with_prepared = [&](FrameResult result) {
+    if (result.frame == frames.front()) result.times = in_place_of_cached(result.times, prepared);
+    done(std::move(result));
+  };
+  const std::vector<int> starved = run_frames(frames, std::max(impl_->host->threads(), impl_->device->frames_at_once()), outputs, effects, with_prepared);
+  run_frames(starved, 1, outputs, effects, with_prepared);
 }
 
 namespace {
@@ -429,7 +464,9 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
         continue;
       }
       try {
+        if (in_order) impl_->device->between_frames(true);  // `done` may evaluate on this device, and other frames wait for the lock
         done(std::move(result));
+        if (in_order) impl_->device->between_frames(false);
       } catch (...) {
         next = frames.size();
         throw;
@@ -443,8 +480,9 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
   return starved;
 }
 
-// Computes what the frames share: else each of those that run side by side would find it lacking and compute it.
-void Evaluator::prepare(int frame, const std::vector<std::string>& outputs, bool effects) {
+// Computes what the frames share: else each of those that run side by side would find it lacking and compute it, or wait for the one that does. Returns the
+// times of every node.
+std::vector<std::vector<NodeTime>> Evaluator::prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects) {
   const std::vector<PlanNode>& nodes = impl_->plan->nodes;
   const std::vector<Source> targets = impl_->targets_of(outputs, effects);
   const std::vector<char> reached = impl_->reached_from(targets);
@@ -458,12 +496,16 @@ void Evaluator::prepare(int frame, const std::vector<std::string>& outputs, bool
     if (reached[i] && (nodes[i].frame_dependent || nodes[i].node->has_effect()))
       for (const auto& port : nodes[i].inputs)
         for (const Source source : port) share(source);
-  FrameState state(frame, *impl_->plan);
+  if (frames.size() > 1)
+    for (size_t i = 0; i < nodes.size(); ++i)
+      if (reached[i] && nodes[i].frame_dependent && nodes[i].node->shares_parts()) shared.push_back({static_cast<int>(i), 0});
+  FrameState state(frames.front(), *impl_->plan);
   try {
     impl_->fill(state, shared);
   } catch (...) {
     // Every frame that needs the failed node meets the same error and reports it.
   }
+  return state.times;
 }
 
 Key Evaluator::frame_key(int frame, const std::vector<std::string>& outputs, bool effects) const {

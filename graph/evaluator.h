@@ -62,7 +62,7 @@ class Evaluator {
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
   // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does not depend on the frame
-  // is computed first, once. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the
+  // is computed first, once, and so are the first frame's nodes that make what all share; their times are in the first frame's result. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the
   // others; cancellation does: frames not finished are not reported.
   void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                        const std::function<void(FrameResult)>& done);
@@ -80,7 +80,7 @@ class Evaluator {
   EvaluatorFigures figures() const;
 
  private:
-  void prepare(int frame, const std::vector<std::string>& outputs, bool effects);
+  std::vector<std::vector<NodeTime>> prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects);
   std::vector<int> run_frames(const std::vector<int>& frames, int at_once, const std::vector<std::string>& outputs, bool effects,
                               const std::function<void(FrameResult)>& done);
   std::unique_ptr<Impl> impl_;

@@ -60,6 +60,8 @@ class Executor {
   virtual int frames_at_once() const { return 1; }
   virtual void begin_frames() {}
   virtual void end_frames() {}
+  // What it does between frames is its own: loops of that are not run together with those of frames, which may be waiting for this thread.
+  virtual void between_frames(bool) {}
 
   // An executor for one round of a loop, which it records to run it many times without the host (graph/loop.h). Null where loops run from the host.
   virtual std::unique_ptr<LoopRecorder> record_loop();

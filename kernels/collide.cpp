@@ -48,6 +48,22 @@ void check_margin(const Sdf& sdf, const Similarity& body, double margin, size_t 
               margin < 0 ? "a margin is zero or positive" : "raise mesh_to_sdf's band, or lower the margin");
 }
 
+namespace {
+
+// Of what a sampler does not answer with the background at once, in M's local space. Its margin is voxels wide, roundings are not.
+void find_box(const Sdf& sdf, const Similarity& body, const SdfView& view, Vec3f& lower, Vec3f& upper) {
+  const Similarity from_collider = to_collider(sdf, body).inverse();
+  for (int corner = 0; corner < 8; ++corner) {
+    const Vec3f index{corner & 1 ? view.upper.x : view.lower.x, corner & 2 ? view.upper.y : view.lower.y, corner & 4 ? view.upper.z : view.lower.z};
+    const Vec3f at = to_float(from_collider.apply(to_double(sdf.index_origin) + static_cast<double>(sdf.voxel_size) * to_double(index)));
+    if (corner == 0) lower = upper = at;
+    lower = {std::min(lower.x, at.x), std::min(lower.y, at.y), std::min(lower.z, at.z)};
+    upper = {std::max(upper.x, at.x), std::max(upper.y, at.y), std::max(upper.z, at.z)};
+  }
+}
+
+}  // namespace
+
 CollidePush make_push(Executor& executor, const CollideInput& input) {
   if (input.colliders.size() > kMostColliders)
     throw Error(ErrorCode::kInput, std::to_string(input.colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one push takes",
@@ -58,6 +74,7 @@ CollidePush make_push(Executor& executor, const CollideInput& input) {
   for (size_t k = 0; k < input.colliders.size(); ++k) {
     check_margin(*input.colliders[k], input.placement, input.margin, k);
     body.colliders[k] = view_collider(*input.colliders[k], executor.device(), input.placement);
+    find_box(*input.colliders[k], input.placement, body.colliders[k].sdf, body.lower[k], body.upper[k]);
   }
   body.count = static_cast<uint32_t>(input.colliders.size());
   body.margin = static_cast<float>(input.margin);

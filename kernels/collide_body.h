@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "kernels/data.h"
+#include "kernels/pack.h"
 #include "kernels/sdf_sample.h"
 #include "kernels/vec.h"
 
@@ -37,6 +38,7 @@ struct CollidePush {
   ContactProgress* after;
   double diagonal;            // of M at rest, local units
   ColliderView colliders[kMostColliders];
+  Vec3f lower[kMostColliders], upper[kMostColliders];  // boxes around them, M's local space: outside they are farther away than the margin
   uint32_t count;
   float margin;               // local units: phi is measured from this far outside the collider
   float rate;                 // how much of phi goes into the memory per iteration
@@ -73,6 +75,26 @@ struct CollidePush {
   // y as collider k sees it while it stands back.
   KNEAD_HD Vec3f seen_by(uint32_t k, const Vec3f& y, float left) const { return left > 0 ? y - stand_back[k] * left : y; }
 
+  // True only where no collider is as near as its margin, whatever its distance: most of most bodies. False for NaN.
+  KNEAD_HD bool is_far(const Vec3f& y, float left) const {
+    for (uint32_t k = 0; k < count; ++k) {
+      const Vec3f at = seen_by(k, y, left);
+      if (!outside(at, lower[k], upper[k])) return false;
+    }
+    return true;
+  }
+  static KNEAD_HD bool outside(const Vec3f& y, const Vec3f& l, const Vec3f& u) {
+#if defined(__SSE2__) && !defined(__CUDACC__)  // most of what a push does: three comparisons at once
+    const auto row = [](const Vec3f& v) {
+      return _mm_movelh_ps(_mm_loadl_pi(_mm_setzero_ps(), reinterpret_cast<const __m64*>(&v.x)), _mm_load_ss(&v.z));
+    };
+    const __m128 at = row(y);
+    return _mm_movemask_ps(_mm_or_ps(_mm_cmplt_ps(at, row(l)), _mm_cmpgt_ps(at, row(u)))) != 0;
+#else
+    return y.x < l.x || y.y < l.y || y.z < l.z || y.x > u.x || y.y > u.y || y.z > u.z;
+#endif
+  }
+
   // The distance of y above the margin of the collider that it is deepest in, and which that is.
   KNEAD_HD float distance(const Vec3f& y, uint32_t& nearest, float left = 0) const {
     float phi = 3.4e38f;
@@ -86,9 +108,14 @@ struct CollidePush {
 
   KNEAD_HD ContactFigures operator()(uint32_t i) const {
     const Vec3f y = points[i];
+    const float left = way_left(), kept = memory ? memory[i] : 0.0f;
+    if (!(kept > 0) && is_far(y, left)) {  // without a memory no more than the sign of phi counts
+      memory_out[i] = 0;
+      displacement[i] = {0, 0, 0};
+      return {};
+    }
     uint32_t nearest = 0;
-    const float left = way_left(), phi = distance(y, nearest, left);
-    const float kept = memory ? memory[i] : 0.0f;
+    const float phi = distance(y, nearest, left);
     float lambda = kept - rate * phi;
     lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
     const float push = lambda > -phi ? lambda : -phi;  // never less than the penetration itself

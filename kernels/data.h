@@ -18,6 +18,8 @@
 
 namespace knead {
 
+class MeshDistance;
+
 // x_world = scale * (rotation * x_local) + translation. rotation is row-major and orthonormal, scale > 0.
 struct Similarity {
   double scale = 1;
@@ -139,6 +141,7 @@ struct Sdf {
   float outside_band = 0, inside_depth = 0;   // local units: |distance| is exact to trilinear interpolation up to here on each side
   Vec3f lower{0, 0, 0}, upper{0, 0, 0};       // box of the surface, local space
   std::shared_ptr<const Surface> mesh;        // the collider's triangles in the same local space, for exact projection; may be null
+  std::shared_ptr<const MeshDistance> distance;  // to that mesh, ready for search; may be null, then whoever needs it makes it (kernels/searchable_mesh.h)
 };
 
 // How the last push went, where the loop's stopping rule reads it.

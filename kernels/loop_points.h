@@ -38,7 +38,13 @@ inline Buffer<Vec3f> padded(Executor& executor, const Buffer<Vec3f>& values) {
 // Storage for a kernel's result. When not every vertex has a lane, those without keep their value.
 inline Buffer<Vec3f> start_from(Executor& executor, const Buffer<Vec3f>& values, size_t lanes) {
   Buffer<Vec3f> result(values.size(), executor.memory());
-  if (lanes < values.size()) parallel_for(executor, values.size(), "copy_rows", CopyRows{values.view(executor.device()).data(), result.data_for_write()});
+  if (lanes == values.size()) return result;
+  const CopyRows copy{values.view(executor.device()).data(), result.data_for_write()};
+  if (executor.device() != Device{})
+    executor.launch(copy, values.size());
+  else
+    executor.parallel_ranges(values.size(), 8 * kGrain,
+                             [&](size_t begin, size_t end) { std::memcpy(copy.to + begin, copy.from + begin, (end - begin) * sizeof(Vec3f)); });
   return result;
 }
 

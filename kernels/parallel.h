@@ -73,7 +73,7 @@ void reduce_on_host(Executor& executor, size_t n, const Body& body) {
   else if constexpr (requires { Body::kGrain; })
     body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine, Body::kGrain));
   else
-    body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine));
+    body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, [](const auto& a, const auto& b) { return Body::combine(a, b); }));
 }
 
 // The body as devices run it: blocks of indices to `partial`, which depend on n alone, then these to one.

@@ -26,4 +26,10 @@ inline Value searchable_mesh(Context& context, const Surface& mesh) {
   return context.once(key.key(), [&] { return Value::of(SearchableMesh{std::make_shared<MeshDistance>(mesh.points.host(), triangles, &context.executor())}); });
 }
 
+// Of a collider whose triangles are known; else null.
+inline std::shared_ptr<const MeshDistance> searchable_mesh(Context& context, const Sdf& collider) {
+  if (collider.distance || !collider.mesh) return collider.distance;
+  return searchable_mesh(context, *collider.mesh).as<SearchableMesh>().distance;
+}
+
 }  // namespace knead

@@ -47,6 +47,9 @@ class CollideSdf : public Node {
   Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); project adds what is left"}};
 
   Runs runs() const override { return mode() == "project" ? Runs::kHost : Runs::kAnyDevice; }
+  std::string what_became_of(const std::string& member) const override {
+    return member == "way_in" ? "the node 'approach' took it over: connect its memory to the loop's state" : "";
+  }
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
@@ -109,14 +112,9 @@ class CollideSdf : public Node {
   void project(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const size_t n = body.vertices();
-    std::vector<Value> kept;
+    std::vector<std::shared_ptr<const MeshDistance>> kept;
     std::vector<const MeshDistance*> meshes;
-    for (const Sdf* collider : colliders) {
-      meshes.push_back(nullptr);
-      if (!collider->mesh) continue;
-      kept.push_back(searchable_mesh(context, *collider->mesh));
-      meshes.back() = kept.back().as<SearchableMesh>().distance.get();
-    }
+    for (const Sdf* collider : colliders) meshes.push_back(kept.emplace_back(searchable_mesh(context, *collider)).get());
     context.check_cancelled();
     constexpr double kClearance = 4e-7;  // of the diagonal: a few roundings of a float coordinate
     ProjectInput input;

@@ -3,20 +3,9 @@
 
 #include "graph/registry.h"
 #include "kernels/measure.h"
-#include "kernels/mesh_distance.h"
+#include "kernels/searchable_mesh.h"
 
 namespace knead {
-
-// A collider's triangles made ready for exact distances; shared by all frames in which the collider only moves.
-struct CheckedCollider {
-  std::shared_ptr<const MeshDistance> distance;
-};
-template <>
-struct PortTraits<CheckedCollider> {
-  static constexpr const char* name = "CheckedCollider";
-  template <class F>
-  static void each_buffer(CheckedCollider&, F&&) {}
-};
 
 namespace {
 
@@ -76,16 +65,7 @@ class Measure : public Node {
     ColliderDistance colliders;
     for (size_t i = 0; i < context.count(sdf); ++i) {
       const Sdf& field = context.get(sdf, i);
-      if (!field.mesh) {
-        colliders.add(field);
-        continue;
-      }
-      Hasher key;
-      key.add("measure").add(field.mesh->points.id()).bytes(field.mesh->topology->triangles.data(), field.mesh->topology->triangles.size() * sizeof(uint32_t));
-      const Value shared = context.once(key.key(), [&] {
-        return Value::of(CheckedCollider{std::make_shared<MeshDistance>(field.mesh->points.host(), field.mesh->topology->triangles, &context.executor())});
-      });
-      colliders.add(field, shared.as<CheckedCollider>().distance);
+      colliders.add(field, searchable_mesh(context, field));
     }
     const Penetration depth = measure_penetration(context.executor(), after, colliders, face_samples());
     with_relative("penetration_max", depth.vertices_max);

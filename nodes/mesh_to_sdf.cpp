@@ -52,6 +52,8 @@ class MeshToSdf : public Node {
   Param<int> memory_limit{this, "memory_limit", 2048, {.min = 1, .unit = "MiB", .doc = "what the build may take"}};
   Out<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "signed distance, negative inside, with the mesh for exact projection"}};
 
+  bool shares_parts() const override { return true; }
+
   void evaluate(Context& context) const override {
     const Surface& surface = context.get(mesh);
     const double scale = surface.placement.scale;
@@ -75,7 +77,8 @@ class MeshToSdf : public Node {
     if (solid.triangles.empty())
       throw Error(ErrorCode::kInput, fmt::format("the collider has no triangle with an area ({} triangles given)", triangles.size() / 3), "is this the right mesh?");
     const Similarity own_axes = turn_to_own_axes(solid);
-    const MeshDistance distance(std::span<const Vec3f>(solid.points), solid.triangles, &executor);
+    const auto searchable = std::make_shared<MeshDistance>(std::span<const Vec3f>(solid.points), solid.triangles, &executor);
+    const MeshDistance& distance = *searchable;
     context.check_cancelled();
 
     SdfPlan plan;
@@ -95,6 +98,7 @@ class MeshToSdf : public Node {
     warn_if_thin(distance, solid, plan, scale, field);
     field.sdf.placement = own_axes;
     field.sdf.mesh = std::make_shared<Surface>(make_triangle_surface(std::move(solid.points), std::move(solid.triangles)));
+    field.sdf.distance = searchable;
     return field;
   }
 

@@ -26,6 +26,8 @@ class UnionSdf : public Node {
   Param<int> memory_limit{this, "memory_limit", 2048, {.min = 1, .unit = "MiB", .doc = "what the result may take"}};
   Out<Sdf> united{this, "sdf", {.unit = "world", .doc = "the union"}};
 
+  bool shares_parts() const override { return true; }
+
   void evaluate(Context& context) const override {
     const size_t count = context.count(sdf);
     if (count == 0) throw Error(ErrorCode::kInput, Where{{}, 0, 0, {}, "sdf"}, "there is nothing to join", "connect at least one signed distance field");

@@ -43,9 +43,9 @@ nodes:
 
 TEST_F(Readme, ShowsTheMessageThatAMistakeGives) {
   std::string lines = "knead: 1\n" + between(text_, "```yaml\nknead: 1", "```");
-  const size_t at = lines.find("stiffness");
+  const size_t at = lines.find("hold:");
   ASSERT_NE(at, std::string::npos);
-  put("press.yaml", lines.replace(at, 9, "stifness"));
+  put("press.yaml", lines.replace(at, 4, "hodl"));
   const Ended ended = knead({"check", "press.yaml"});
   EXPECT_EQ(ended.status, 1);
   ASSERT_NE(ended.err, "");

@@ -99,6 +99,8 @@ TEST(DeviceLoop, RoundsAfterTheEndComeToNothing) {
   EXPECT_EQ(stops, overruns);
   EXPECT_EQ(stops.rounds, 6);
   EXPECT_EQ(overruns.rounds, 16);
+  EXPECT_EQ(stops.figures.loop_launches, 1u) << "it goes on by itself";
+  EXPECT_EQ(overruns.figures.loop_launches, 16u);
 }
 
 // What a node of the loop does on the host is caught, and the loop is run from there: slower, and right.
@@ -214,6 +216,25 @@ TEST(DeviceLoop, AFrameThatFailsDoesNotHoldUpTheOthers) {
   evaluator.evaluate_frames({1, 2, 3, 4, 5}, {"l"}, false, [&](const FrameResult& result) { ++(result.error ? bad : good); });
   EXPECT_EQ(good, 4);
   EXPECT_EQ(bad, 1);
+}
+
+// Its loops do not wait for those of the other frames, which wait for it to return.
+TEST(DeviceLoop, WhatTakesAFrameMayEvaluateOnTheSameDevice) {
+  const std::string nodes =
+      "  v: {type: frame}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, "
+      "target: t}}, next: {x: r}}";
+  const auto plan = compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options());
+  FakeDevice fake;
+  const auto serial = make_serial_executor();  // nodes run on the thread that asks for them
+  EvaluatorOptions options;
+  options.executor = &fake.executor;
+  options.host_executor = serial.get();
+  Evaluator frames(plan, options), other(plan, options);
+  int same = 0;
+  frames.evaluate_frames({1, 2, 3, 4}, {"l"}, false, [&](const FrameResult& result) {
+    same += toys::first(result.values.at("l").as<toys::Numbers>()) == toys::first(other.get<toys::Numbers>("l", result.frame));
+  });
+  EXPECT_EQ(same, 4);
 }
 
 TEST(DeviceLoop, IsCancelledBetweenItsPartsOnTheDevice) {

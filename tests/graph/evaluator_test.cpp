@@ -295,6 +295,29 @@ TEST_F(EvaluatorTest, SharesPartsBetweenFramesAndMakesThemOnce) {
   EXPECT_EQ(toys::runs_of("shared part"), 2);
 }
 
+TEST_F(EvaluatorTest, MakesSharedPartsBeforeFramesRunSideBySide) {
+  const auto four = make_cpu_executor(4);
+  EvaluatorOptions options;
+  options.executor = four.get();
+  Evaluator evaluator(plan_of("  f: {type: frame}\n  g: {type: count, in: f, label: beside}\n  p: {type: shares}"), options);
+  evaluator.evaluate_frames({1, 2, 3, 4, 5, 6, 7, 8}, {"g", "p"}, false, [](const FrameResult& result) { EXPECT_FALSE(result.error); });
+  EXPECT_EQ(toys::runs_of("beside"), 8);
+  EXPECT_EQ(toys::runs_of("shared part"), 1);
+  EXPECT_EQ(toys::runs_of("shared part made beside others"), 0);
+}
+
+TEST_F(EvaluatorTest, GivesTheFirstFrameTheTimesOfWhatWasMadeForAll) {
+  Evaluator evaluator(plan_of("  a: {type: value}\n  p: {type: shares}\n  c: {type: add, a: a, b: p}"));
+  std::map<int, std::vector<std::string>> worked;
+  evaluator.evaluate_frames({3, 4, 5}, {"c"}, false, [&](const FrameResult& result) {
+    for (const NodeTime& time : result.times)
+      if (!time.cached) worked[result.frame].push_back(time.name);
+  });
+  EXPECT_THAT(worked[3], ElementsAre("a", "p", "c"));
+  EXPECT_THAT(worked[4], ElementsAre("p", "c"));
+  EXPECT_THAT(worked[5], ElementsAre("p", "c"));
+}
+
 TEST_F(EvaluatorTest, ServesSeveralHostThreads) {
   Evaluator evaluator(plan_of(kChain));
   std::vector<std::thread> threads;

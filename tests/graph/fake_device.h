@@ -79,13 +79,15 @@ class FakeBackend final : public DeviceBackend {
     const Open open(*this);
     kernel.host(body, n);
   }
-  void run_loops(const std::vector<const RecordedLoop*>& loops) override {
+  int run_loops(const std::vector<const RecordedLoop*>& loops) override {
     const std::lock_guard lock(mutex_);
     const Open open(*this);
     for (const RecordedLoop* loop : loops)
       for (const RecordedLoop::Step& step : loop->steps) check(*step.kernel, step.body.data());
     bool running = true;
+    int launches = 0;
     while (running) {
+      launches += std::max(1, batch_);
       for (int round = 0; round < std::max(1, batch_); ++round) {
         for (const RecordedLoop* loop : loops) {
           for (const RecordedLoop::Step& step : loop->steps) step.kernel->host(step.body.data(), step.n);
@@ -97,6 +99,7 @@ class FakeBackend final : public DeviceBackend {
       running = false;
       for (const RecordedLoop* loop : loops) running = running || loop->end.running();
     }
+    return batch_ == 0 ? 1 : launches;
   }
 
   int rounds_run = 0;  // of loops, needed or not

@@ -292,10 +292,12 @@ class Shares : public Node {
   Param<int> name{this, "name", 0, {.doc = "of the part"}};
   Out<Numbers> out{this, "value", {.doc = "name + frame"}};
   bool depends_on_frame() const override { return true; }
+  bool shares_parts() const override { return true; }
   void evaluate(Context& context) const override {
     const Value part = context.once(Hasher().add(name()).key(), [&] {
       count_run("shared part");
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      if (runs_of("beside") > 0) count_run("shared part made beside others");
       return Value::of(numbers(name()));
     });
     context.set(out, numbers(first(part.as<Numbers>()) + context.frame()));

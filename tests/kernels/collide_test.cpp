@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <cstring>
 #include <random>
 
 #include "graph/error.h"
 #include "io/vdb.h"
+#include "kernels/collide_launch.h"
 #include "kernels/mesh_distance.h"
 #include "kernels/primitives.h"
 
@@ -112,6 +115,47 @@ TEST(Collide, PushesByThePenetrationAndLeavesTheRestAlone) {
   }
   EXPECT_NEAR(once.figures.deepest, deepest, 0.01);
   EXPECT_NEAR(static_cast<double>(once.figures.inside), static_cast<double>(inside), 20);
+}
+
+TEST(Collide, DoesNotLookAtVerticesThatAreFarAndSoChangesNoBit) {
+  const Sdf ball = collide_ball(0.5, 0.05, {0.4, 0, 0}), small = collide_ball(0.2, 0.03, {-0.5, 0.2, 0.1});
+  const std::vector<const Sdf*> colliders{&ball, &small};
+  std::vector<Vec3f> points = collide_cloud(20000, 1.5);
+  points.push_back({NAN, 0, 0});
+  const auto executor = knead::make_serial_executor();
+  const std::vector<Vec3f> stand_back{{0.5f, 0, 0}, {0, 0, 0.4f}};
+  ContactProgress before;
+  before.step = 3;
+  before.steps = 10;
+  std::vector<float> memory(points.size(), 0.0f);
+  for (size_t i = 0; i < memory.size(); i += 7) memory[i] = 0.02f;
+  CollideInput input;
+  input.points = points;
+  input.memory = memory;
+  input.placement = collide_placement(1.3);
+  input.colliders = colliders;
+  input.margin = 0.02;
+  input.most = 0.3;
+  input.before = &before;
+  input.stand_back = stand_back;
+  knead::CollidePush quick = knead::make_push(*executor, input), thorough = quick;
+  std::vector<Vec3f> moves(points.size()), all_moves(points.size());
+  std::vector<float> kept(points.size()), all_kept(points.size());
+  quick.displacement = moves.data(), thorough.displacement = all_moves.data();
+  quick.memory_out = kept.data(), thorough.memory_out = all_kept.data();
+  for (int k = 0; k < 2; ++k) thorough.lower[k] = {-1e30f, -1e30f, -1e30f}, thorough.upper[k] = {1e30f, 1e30f, 1e30f};
+  size_t far = 0;
+  for (uint32_t i = 0; i < points.size(); ++i) {
+    const knead::ContactFigures one = quick(i), all = thorough(i);
+    ASSERT_EQ(one.deepest, all.deepest);
+    ASSERT_EQ(one.inside, all.inside);
+    ASSERT_EQ(one.pushed, all.pushed);
+    far += quick.is_far(points[i], quick.way_left());
+  }
+  EXPECT_EQ(std::memcmp(moves.data(), all_moves.data(), moves.size() * sizeof(Vec3f)), 0);
+  EXPECT_EQ(std::memcmp(kept.data(), all_kept.data(), kept.size() * sizeof(float)), 0);
+  EXPECT_GT(far, points.size() / 2);
+  EXPECT_LT(far, points.size());
 }
 
 TEST(Collide, GivesTheSamePushInAnyPlaceAndAtAnyScale) {

@@ -12,6 +12,7 @@
 #include "kernels/lattice_map.h"
 #include "kernels/parallel.h"
 #include "kernels/restore_volume.h"
+#include "kernels/rigid_fit_body.h"
 #include "kernels/unrest_body.h"
 #include "tests/kernels/loop_fixture.h"
 #include "tests/kernels/on_device.h"
@@ -213,6 +214,23 @@ TEST_P(DeviceKernels, UnrestIsTheLargestMoveAndInfiniteForNoNumber) {
   points[7].x = std::nanf("");
   after.points = Buffer<Vec3f>(points);
   EXPECT_FALSE(std::isfinite(unrest()));
+}
+
+// Around warps, blocks, and the number of pieces from which on a block takes more than one index a thread. The sums are exact in any order.
+TEST_P(DeviceKernels, ReductionsTakeEveryIndexOnce) {
+  for (const uint32_t n : {0u, 1u, 31u, 32u, 33u, 255u, 256u, 257u, 262'143u, 262'144u, 262'145u, 1'000'003u}) {
+    std::vector<float> values(n);
+    double sum = 0;
+    for (uint32_t i = 0; i < n; ++i) sum += values[i] = static_cast<float>(i % 13);
+    if (n > 0) sum += 100 - values.back(), values.back() = 100;
+    const Buffer<float> paint = there(*device_, Buffer<float>(values));
+    Buffer<float> figures(2, device_->memory());
+    float* const most = figures.data_for_write();
+    reduce(*device_, n, SumPaint{paint.view(device_->device()).data(), n, most, most + 1});
+    const std::vector<float> is = back(*device_, figures);
+    EXPECT_EQ(is[0], n > 0 ? 100.0f : 0.0f) << n;
+    EXPECT_EQ(is[1], n > 0 ? static_cast<float>(sum / n) : 0.0f) << n;
+  }
 }
 
 TEST_P(DeviceKernels, TooLittleMemoryIsAnErrorAndTheDeviceLivesOn) {

@@ -1,8 +1,11 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cstring>
 
 #include "graph/error.h"
+#include "graph/plan.h"
+#include "io/graph_file.h"
 #include "kernels/data.h"
 #include "kernels/mesh_distance.h"
 #include "kernels/primitives.h"
@@ -41,6 +44,15 @@ TEST(CollideSdf, GivesTheVerySameSurfaceBackWithoutContact) {
     for (float lambda : node.out<Contacts>("memory").memory.host()) ASSERT_EQ(lambda, 0);
     EXPECT_EQ(node.out<Contacts>("memory").progress.host()[0].unrest, 0);
     EXPECT_EQ(node.out<Report>("report").number("vertices_in_collision"), 0);
+  }
+}
+
+TEST(CollideSdf, SaysWhichNodeTookAParameterOver) {
+  try {
+    knead::compile(knead::read_graph_text("knead: 1\nnodes:\n  b: {type: primitive}\n  p: {type: collide_sdf, surface: b, way_in: true}\n", "old.yaml"));
+    FAIL() << "way_in was taken";
+  } catch (const knead::Error& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("old.yaml:4"), testing::HasSubstr("'way_in'"), testing::HasSubstr("'approach' took it over")));
   }
 }
 

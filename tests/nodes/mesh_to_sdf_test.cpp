@@ -4,6 +4,7 @@
 #include <random>
 
 #include "kernels/data.h"
+#include "kernels/mesh_distance.h"
 #include "kernels/primitives.h"
 #include "kernels/sdf_sample.h"
 #include "kernels/winding_number.h"
@@ -57,6 +58,9 @@ TEST(MeshToSdf, KnowsItsInsideToTheMedialAxis) {
   EXPECT_NEAR(sdf.inside_depth, 1, h);
   ASSERT_TRUE(sdf.mesh);
   EXPECT_EQ(sdf.mesh->topology->triangle_count(), 192u);
+  ASSERT_TRUE(sdf.distance);
+  const knead::MeshDistance own(sdf.mesh->points.host(), sdf.mesh->topology->triangles);
+  EXPECT_EQ(sdf.distance->signed_distance({0.3, 0.7, -0.2}).distance, own.signed_distance({0.3, 0.7, -0.2}).distance);
 }
 
 TEST(MeshToSdf, AgreesWithExactWindingNumbersInSign) {

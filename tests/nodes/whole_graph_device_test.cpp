@@ -5,6 +5,7 @@
 
 #include <cstdlib>
 #include <cstring>
+#include <thread>
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
@@ -214,13 +215,68 @@ TEST_P(WholeGraphOnCuda, TransfersAllocatesAndLaunchesNothingInTheLoop) {
   EXPECT_EQ(many.loops, 1u);
 }
 
+// Across the rounds at which the host looks whether the loop was cancelled.
+TEST_P(WholeGraphOnCuda, ManyRoundsGiveTheBitsOfBatches) {
+  const auto batches = on_device::device_named("cuda", false);
+  const std::vector<std::pair<std::string, Literal>> long_loop = {
+      {"press.max_iterations", 1100}, {"press.min_iterations", 2000}, {"press.threshold", 0.0}};
+  OnExecutor here(*cuda_, kDeep, long_loop), there(*batches, kDeep, long_loop);
+  const Results is = here.get(1);
+  EXPECT_EQ(is.iterations, 1100);
+  expect_same(is, there.get(1), "batches");
+}
+
+TEST_P(WholeGraphOnCuda, TheHostStartsALoopOnce) {
+  OnExecutor(*cuda_, kDeep, {{"press.max_iterations", 60}, {"press.min_iterations", 1000}, {"press.threshold", 0.0}}).get(1);
+  const uint64_t launches = on_device::figures_of(*cuda_).loop_launches;
+  if (!GetParam()) {
+    EXPECT_GE(launches, 59u);
+    return;
+  }
+  if (launches != 1 && !on_device::cuda_required()) GTEST_SKIP() << "CUDA refuses a graph that repeats by itself: a driver before 12.4?";
+  EXPECT_EQ(launches, 1u) << "CUDA refuses a graph that repeats by itself: a driver before 12.4?";
+}
+
 TEST_P(WholeGraphOnCuda, FramesSideBySideAreThoseOneByOne) {
   OnExecutor single(*cuda_, kPress), batch(*cuda_, kPress);
+  int frames = 0;
   batch.evaluator.evaluate_frames({5, 3, 1, 4, 2}, {"press.surface"}, false, [&](const FrameResult& result) {
     ASSERT_FALSE(result.error) << result.error->what();
     const auto points = result.values.at("press.surface").as<Surface>().points.host();
     EXPECT_TRUE(same_bits({points.begin(), points.end()}, single.get(result.frame).surface)) << result.frame;
+    ++frames;
   });
+  EXPECT_EQ(frames, 5);
+  EXPECT_EQ(on_device::figures_of(*cuda_).joined, 5u) << "their loops run as one";
+}
+
+// Two evaluators share the device; each has its own threads.
+TEST_P(WholeGraphOnCuda, TwoEvaluatorsAtOnceGiveTheSameBytes) {
+  const Results press = OnExecutor(*cuda_, kPress).get(5), deep = OnExecutor(*cuda_, kDeep).get(2);
+  std::vector<Results> is(4);
+  std::vector<std::thread> threads;
+  for (size_t t = 0; t < is.size(); ++t)
+    threads.emplace_back([&, t] { is[t] = t % 2 ? OnExecutor(*cuda_, kDeep).get(2) : OnExecutor(*cuda_, kPress).get(5); });
+  for (std::thread& thread : threads) thread.join();
+  for (size_t t = 0; t < is.size(); ++t) expect_same(is[t], t % 2 ? deep : press, "thread " + std::to_string(t));
+}
+
+// All memory is taken, down to the smallest piece.
+TEST_P(WholeGraphOnCuda, AFrameWithoutMemoryIsAnErrorAndTheNextOneIsMade) {
+  const Results expected = OnExecutor(*cuda_, kPress).get(5);
+  {
+    std::vector<Buffer<std::byte>> taken;
+    for (size_t piece = size_t{1} << 30; piece >= 512; piece /= 2) try {
+        while (true) taken.emplace_back(piece, cuda_->memory());
+      } catch (const Error& error) {
+        ASSERT_EQ(error.code(), ErrorCode::kMemory) << error.what();
+      }
+    OnExecutor starved(*cuda_, kPress);
+    const FrameResult result = starved.evaluator.evaluate(5, {"press.surface"});
+    ASSERT_TRUE(result.error);
+    EXPECT_EQ(result.error->code(), ErrorCode::kMemory) << result.error->what();
+  }
+  expect_same(OnExecutor(*cuda_, kPress).get(5), expected, "with memory again");
 }
 
 TEST_P(WholeGraphOnCuda, NothingTouchedMeansNothingChanged) {
