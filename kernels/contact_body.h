@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "kernels/collide_body.h"
+#include "kernels/multigrid_body.h"
 #include "kernels/rows4.h"
 
 namespace knead {
@@ -18,6 +19,8 @@ struct ContactSum {
 };
 
 struct ContactEnergy {
+  static constexpr const char* kKernel = "contact_energy";
+  static constexpr size_t kGrain = 64;  // a sample in contact costs a look at 27 voxels
   const Row4* u;            // displacements of H, cells
   const uint32_t* offsets;  // [samples + 1] into indices and weights
   const uint32_t* indices;  // vertices of H
@@ -29,9 +32,10 @@ struct ContactEnergy {
   const float*
       exits;    // [colliders][samples] how far along `entry` a sample that began inside leaves the collider, cells; negative: did not. Null later
   Row4* force;  // [samples] gradient by the sample's place
-  const uint32_t* list;         // the samples that may come in contact
+  const uint32_t* list;         // the samples that may come in contact; null: all, which those that may not leave at once
   const float* slack;           // [samples] how far they may move until then, cells
-  float travelled;              // how far H has moved at most since the list was made, cells
+  const float* travelled;       // how far H has moved at most since the list was made, cells
+  ContactSum* result;
   Vec3f entry[kMostColliders];  // unit, the way a collider came in
   ColliderView colliders[kMostColliders];
   uint32_t count;
@@ -40,7 +44,7 @@ struct ContactEnergy {
   float stiffness;  // kc, per cell
   float gap;        // where a push begins, cells; 0: at touch
   float gentle;     // how steep the push is there, relative to `stiffness`
-  float friction;   // the pull along the collider's surface, at most, over the push that is remembered; 0: none, then the next three are null
+  float friction;   // the pull along the collider's surface, at most, over the push that is remembered; 0: none, then `stuck` and `began` are null
   Row4* normal;     // [colliders][samples] out of the collider, unit
   const Row4* stuck;    // [colliders][samples] `normal` when the memory was updated
   const float* began;  // [colliders][samples] how far along `entry` from rest the contact began, cells; negative: it is not known
@@ -99,12 +103,17 @@ struct ContactEnergy {
     return least > 0 ? least : 0.0f;
   }
 
+  // Sample s does not push.
+  KNEAD_HD void leave_out(uint32_t s) const {
+    force[s] = {0, 0, 0, 0};
+    for (uint32_t k = 0; k < count; ++k) distance[static_cast<size_t>(k) * samples + s] = kFar;
+  }
+
   KNEAD_HD ContactSum operator()(uint32_t place) const {
-    const uint32_t s = list[place];
+    const uint32_t s = list ? list[place] : place;
     ContactSum sum;
-    if (slack[s] > travelled) {
-      force[s] = {0, 0, 0, 0};
-      for (uint32_t k = 0; k < count; ++k) distance[static_cast<size_t>(k) * samples + s] = kFar;
+    if (slack[s] > *travelled) {
+      leave_out(s);
       return sum;
     }
     const Vec3f move = moved(s);
@@ -134,7 +143,7 @@ struct ContactEnergy {
         ++sum.active;
         const Vec3f out = by_entry ? entry[k] : c.scale * CollidePush::from_index(c, slope);
         push -= pull * out;
-        if (friction > 0) normal[at] = to_row((1 / fmaxf(length(out), 1e-20f)) * out);
+        normal[at] = to_row((1 / fmaxf(length(out), 1e-20f)) * out);
       }
       if (friction > 0 && lambda > 0 && began[at] >= 0) {
         Vec3f back{0, 0, 0};
@@ -145,11 +154,79 @@ struct ContactEnergy {
     force[s] = to_row(push);
     return sum;
   }
+  static KNEAD_HD ContactSum combine(const ContactSum& a, const ContactSum& b) {
+    return {a.energy + b.energy, a.deepest < b.deepest ? b.deepest : a.deepest, a.change < b.change ? b.change : a.change, a.active + b.active};
+  }
+  KNEAD_HD void finish(const ContactSum& sum) const { *result = sum; }
+
+  // Adds sample s's part of the second derivative by its own place, times `by`, to a block: pushes along the colliders' normals, and what friction holds.
+  KNEAD_HD void add_block(uint32_t s, float by, float* block) const {
+    for (uint32_t k = 0; k < count; ++k) {
+      const size_t at = static_cast<size_t>(k) * samples + s;
+      const float slope = push_of(memory[at] - distance[at]).slope;
+      if (!(slope > 0)) continue;
+      const float pull = by * stiffness * area[s] * slope;
+      const float n[3] = {normal[at].x, normal[at].y, normal[at].z};
+      for (uint32_t c = 0; c < 3; ++c)
+        for (uint32_t r = 0; r < 3; ++r) block[3 * c + r] += pull * (friction > 0 ? (r == c ? 1.0f : 0.0f) : n[r] * n[c]);
+    }
+  }
+};
+
+// How far every sample may move before it is in contact.
+struct ContactRoom {
+  static constexpr const char* kKernel = "contact_list";
+  ContactEnergy contact;
+  float skin;
+  float* slack;
+  KNEAD_HD void operator()(uint32_t s) const {
+    slack[s] = contact.room(s, skin);
+    if (!(slack[s] < skin)) contact.leave_out(s);
+  }
+};
+
+// lambda <- the push, after ContactEnergy; what friction pulls back to is where the collider is now.
+struct ContactMemory {
+  static constexpr const char* kKernel = "contact_memory";
+  ContactEnergy contact;
+  float *memory, *slack;
+  Row4* stuck;  // null: no friction
+  KNEAD_HD void operator()(uint32_t s) const {
+    for (uint32_t k = 0; k < contact.count; ++k) {
+      const size_t at = static_cast<size_t>(k) * contact.samples + s;
+      memory[at] = contact.push_of(memory[at] - contact.distance[at]).push;
+      if (memory[at] > 0) slack[s] = 0;
+      if (stuck) stuck[at] = contact.normal[at];
+    }
+  }
+};
+
+// What the samples that push add to the diagonal of a metric, lumped: a block by place of H.
+struct ContactBlocks {
+  static constexpr const char* kKernel = "contact_blocks";
+  ContactEnergy contact;
+  const uint32_t *back_offsets, *back_samples;  // by place
+  const float *back_weights, *free;
+  float* blocks;
+  KNEAD_HD void operator()(uint32_t p) const {
+    float* block = blocks + kBlock * static_cast<size_t>(p);
+    for (uint32_t k = 0; k < kBlock; ++k) block[k] = 0;
+    if (free[p] == 0) return;
+    for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e) contact.add_block(back_samples[e], back_weights[e], block);
+  }
+};
+
+struct ScaleFloats {
+  static constexpr const char* kKernel = "scale_floats";
+  float* values;
+  float by;
+  KNEAD_HD void operator()(uint32_t i) const { values[i] *= by; }
 };
 
 // How far along the way in a sample must go from rest to be out of the collider again: the one that it began inside, or that it meets within `reach`. A
 // sphere as wide as the distance is free of walls, so steps are that long.
 struct ContactExit {
+  static constexpr const char* kKernel = "contact_exit";
   ContactEnergy contact;
   uint32_t collider;
   float reach;   // cells
@@ -176,18 +253,43 @@ struct ContactExit {
 
 // Where M's vertices are.
 struct VertexPlaces {
+  static constexpr const char* kKernel = "vertex_places";
   ContactEnergy contact;
   Row4* now;  // [vertices] cells
 
   KNEAD_HD void operator()(uint32_t v) const { now[v] = to_row(contact.rest[v] + contact.moved(v)); }
 };
 
+// kb/2 V0 (V/V0 - 1 + memory)^2 for M as a whole.
+struct EnclosedVolume {
+  double stiffness = 0;                    // kb
+  double rest = 0;                         // V0; negative when M is inside out
+  double error = 0, memory = 0, energy = 0;
+  float push = 0;                          // the energy's derivative by V
+
+  KNEAD_HD void take(double volume) {
+    if (rest == 0) rest = volume != 0 ? volume : 1e-30;  // the first time M is at rest
+    error = volume / rest - 1;
+    const double off = error + memory;
+    push = static_cast<float>(stiffness * off * (rest < 0 ? -1 : 1));
+    energy = 0.5 * stiffness * fabs(rest) * off * off;
+  }
+};
+
+struct RememberVolume {
+  static constexpr const char* kKernel = "remember_volume";
+  EnclosedVolume* volume;
+  KNEAD_HD void operator()(uint32_t) const { volume->memory += volume->error; }
+};
+
 // The volume that M encloses, as a function of its vertices: 6 V = sum over triangles of a . (b x c). A vertex's part of the gradient.
 struct VolumeGradient {
+  static constexpr const char* kKernel = "enclosed_volume";
   const Row4* now;          // [vertices] cells
   const uint32_t* offsets;  // [vertices + 1] into `pairs`
   const uint32_t* pairs;    // the other two corners of each triangle, in order
   Row4* gradient;           // [vertices]
+  EnclosedVolume* result;
 
   // Its share of the volume: V is homogeneous of degree 3.
   KNEAD_HD double operator()(uint32_t v) const {
@@ -197,19 +299,38 @@ struct VolumeGradient {
     gradient[v] = to_row(sum);
     return static_cast<double>(dot(sum, to_vec(now[v]))) / 3;
   }
+  static KNEAD_HD double combine(double a, double b) { return a + b; }
+  KNEAD_HD void finish(double volume) const { result->take(volume); }
 };
 
 // Adds the enclosed volume's push to a vertex's own.
 struct VolumePush {
+  static constexpr const char* kKernel = "volume_push";
   const Row4* gradient;
-  float push;
+  const EnclosedVolume* volume;
   const float* slack;
   float skin;  // from there on a vertex has no push of its own
   Row4* force;
 
   KNEAD_HD void operator()(uint32_t v) const {
     const Vec3f own = slack[v] < skin ? to_vec(force[v]) : Vec3f{0, 0, 0};
-    force[v] = to_row(own + push * to_vec(gradient[v]));
+    force[v] = to_row(own + volume->push * to_vec(gradient[v]));
+  }
+};
+
+// The gradient of the enclosed volume by place of H.
+struct VolumeByPlace {
+  static constexpr const char* kKernel = "volume_by_place";
+  const Row4* gradient;  // [vertices]
+  uint32_t vertices;     // samples beyond these are no vertices of M
+  const uint32_t *back_offsets, *back_samples;
+  const float *back_weights, *free;
+  Row4* to;
+  KNEAD_HD void operator()(uint32_t p) const {
+    Vec3f sum{0, 0, 0};
+    for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e)
+      if (back_samples[e] < vertices) sum += back_weights[e] * to_vec(gradient[back_samples[e]]);
+    to[p] = to_row(free[p] * sum);
   }
 };
 

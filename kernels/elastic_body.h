@@ -173,4 +173,25 @@ struct ElasticTets {
   KNEAD_HD Result<float> operator()(uint32_t t) const { return lane<float>(t); }
 };
 
+struct ElasticSum {
+  double energy = 0;
+  float least_volume = 3.4e38f;  // smallest J
+};
+
+// All tets, on a device.
+struct ElasticEnergy {
+  static constexpr const char* kKernel = "elastic_energy";
+  ElasticTets tets;
+  ElasticSum* result;
+
+  KNEAD_HD ElasticSum operator()(uint32_t t) const {
+    const ElasticTets::Result<float> one = tets(t);
+    return {one.energy, one.volume};
+  }
+  static KNEAD_HD ElasticSum combine(const ElasticSum& a, const ElasticSum& b) {
+    return {a.energy + b.energy, b.least_volume < a.least_volume ? b.least_volume : a.least_volume};
+  }
+  KNEAD_HD void finish(const ElasticSum& sum) const { *result = sum; }
+};
+
 }  // namespace knead

@@ -4,25 +4,13 @@
 
 #include "graph/executor.h"
 #include "kernels/elastic_body.h"
-#include "kernels/factor_body.h"
 #include "kernels/multigrid_body.h"
 
 namespace knead {
 
-struct ElasticSum {
-  double energy = 0;
-  float least_volume = 3.4e38f;  // smallest J
-};
-
 struct EnergyLanes {
   // Tets [begin, end), multiples of NeighbourTable::kLaneBlock.
   ElasticSum (*elastic)(const ElasticTets&, uint32_t begin, uint32_t end);
-  // Panels [begin, end) in rising order, and in falling order.
-  void (*solve_forward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x);
-  void (*solve_backward)(const FactorView&, uint32_t begin, uint32_t end, Row4* x, float* scratch);
-  // FrontFactor's.
-  bool (*eliminate)(float* front, uint32_t ld, uint32_t width, uint32_t height);
-  void (*store_panel)(const float* front, uint32_t ld, uint32_t begin, uint32_t end, uint32_t height, float* to);
   // Rows [begin, end) of a multigrid cycle's products with a matrix.
   void (*smooth)(const Smooth&, size_t begin, size_t end);
   void (*residual)(const Residual&, size_t begin, size_t end);

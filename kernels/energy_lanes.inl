@@ -14,26 +14,25 @@ void put(float* to, const T& v) {
   std::memcpy(to, &v, sizeof v);
 }
 
+float total(const F& v) {
+  float lanes[L::kWidth], sum = 0;
+  put(lanes, v);
+  for (const float l : lanes) sum += l;
+  return sum;
+}
+
 ElasticSum elastic(const ElasticTets& body, uint32_t begin, uint32_t end) {
   ElasticSum sum;
   F least = L::all(sum.least_volume);
   for (uint32_t t = begin; t < end; t += L::kWidth) {
     const ElasticTets::Result<F> result = body.lane<F>(t);
-    sum.energy += PanelSolve<F>::total(result.energy);
+    sum.energy += total(result.energy);
     least = result.volume < least ? result.volume : least;
   }
   float lanes[L::kWidth];
   put(lanes, least);
   for (const float l : lanes) sum.least_volume = l < sum.least_volume ? l : sum.least_volume;
   return sum;
-}
-
-void solve_forward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x) {
-  for (uint32_t p = begin; p < end; ++p) PanelSolve<F>::forward(factor, p, x);
-}
-
-void solve_backward(const FactorView& factor, uint32_t begin, uint32_t end, Row4* x, float* scratch) {
-  for (uint32_t p = end; p > begin; --p) PanelSolve<F>::backward(factor, p - 1, x, scratch);
 }
 
 template <class Body>
@@ -51,7 +50,7 @@ double dot(const float* a, const float* b, size_t n) {
     F part[kParts] = {};
     for (size_t i = begin; i < end; i += 16)
       for (uint32_t k = 0; k < kParts; ++k) part[k] = part[k] + L::load(a + i + k * L::kWidth) * L::load(b + i + k * L::kWidth);
-    for (uint32_t k = 0; k < kParts; ++k) sum += PanelSolve<F>::total(part[k]);
+    for (uint32_t k = 0; k < kParts; ++k) sum += total(part[k]);
   }
   return sum;
 }
@@ -65,8 +64,7 @@ void combine(float* to, const float* a, const float* b, float by, size_t n) {
 }
 
 constexpr EnergyLanes kLanes{
-    elastic, solve_forward, solve_backward, FrontFactor<F>::eliminate, FrontFactor<F>::store_panel, each_row<Smooth>, each_row<Residual>,
-    dot,     add_scaled,    combine};
+    elastic, each_row<Smooth>, each_row<Residual>, dot, add_scaled, combine};
 
 }  // namespace
 

@@ -1,13 +1,15 @@
 #include "kernels/equilibrium.h"
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cmath>
+#include <optional>
 
 #include "graph/error.h"
+#include "kernels/device_direction.h"
 #include "kernels/energy_lanes.h"
 #include "kernels/equilibrium_contacts.h"
-#include "kernels/gather_forces_body.h"
 #include "kernels/parallel.h"
 #include "kernels/rows.h"
 #include "kernels/simd_level.h"
@@ -15,23 +17,18 @@
 namespace knead {
 namespace {
 
-constexpr int kMemory = 16;                                 // pairs that L-BFGS remembers
+constexpr int kMemory = History::kMost;                     // pairs that L-BFGS remembers
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
-constexpr double kFirstContacts = 1, kLaterContacts = 0.3;  // share of the contacts' stiffness that goes into the metric
-constexpr int kRenewal = 5;                                 // the iteration at which the contacts are as good as known
+constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and from there whenever there are twice as many
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
-constexpr int kDeformedRenewal = 15;                        // the iteration at which the metric follows the body's deformation,
-constexpr int kDeformedInterval = 30;                       // and after how many it does so again,
-constexpr double kDeformed = 0.15;                          // when its energy is above this, over the sum of mu V0
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
 constexpr double kStiffest = 16;                            // at most this much
 constexpr double kStill = 1e-8;                             // a step, in diagonals, that is lost in rounding; after
 constexpr int kStillFor = 5;                                // so many of them it is over
-constexpr float kRoundUp = 1.0001f;
 constexpr double kArmijo = 1e-4;
 constexpr double kEnergyRounding = 2e-7;  // of the energy: what float32 terms leave uncertain
 constexpr size_t kTetsPerPiece = 1024;
@@ -62,18 +59,27 @@ class Solver {
         figures_(figures),
         lanes_(energy_lanes(executor)),
         math_(executor, lanes_),
-        contacts_(executor, rest, placement, colliders, settings),
-        u_(rest.rows),
-        trial_(rest.rows),
-        gradient_(rest.rows),
-        trial_gradient_(rest.rows),
-        direction_(rest.metric->solve_rows()),
-        forces_(4 * rest.stride),
-        bulk_(rest.rows),
-        bulk_solved_(rest.metric->solve_rows()),
-        listed_at_(rest.rows),
-        scratch_(rest.metric->scratch_floats() + 16) {
-    for (int k = 0; k < kMemory; ++k) steps_.emplace_back(rest.rows), changes_.emplace_back(rest.rows);
+        sums_(1, executor.memory()),
+        contacts_(executor, rest, placement, colliders, settings, sums_.data_for_write(), seen_),
+        u_(executor, rest.rows),
+        trial_(executor, rest.rows),
+        gradient_(executor, rest.rows),
+        trial_gradient_(executor, rest.rows),
+        direction_(executor, rest.grids->solve_rows()),
+        forces_(executor, 4 * rest.stride),
+        bulk_(executor, rest.rows),
+        bulk_solved_(executor, rest.grids->solve_rows()),
+        listed_at_(executor, rest.rows),
+        blocks_(kBlock * size_t{rest.places}, executor.memory()),
+        work_(rest.grids->work_rows(), executor.memory()) {
+    seen_.volume.stiffness = contacts_.volume_stiffness();
+    if (executor.device() != Device{}) {
+      device_ = std::make_unique<DeviceDirection>(executor, rest);
+      executor.copy(&seen_, Device{}, sums_.data_for_write(), executor.device(), sizeof seen_);
+    } else {
+      *sums_.data_for_write() = seen_;
+      for (int k = 0; k < kMemory; ++k) steps_.emplace_back(executor, rest.rows), changes_.emplace_back(executor, rest.rows);
+    }
   }
 
   Buffer<Vec3f> run() {
@@ -105,68 +111,84 @@ class Solver {
  private:
   size_t floats() const { return 4 * size_t{rest_.rows}; }
 
-  // Samples out of reach are looked at again when H has moved far enough.
-  ContactSum evaluate_contacts(Rows& u) {
+  EquilibriumSums& sums() { return *sums_.data_for_write(); }  // in the executor's memory
+
+  // Samples out of reach are looked at again when H has moved far enough. A device has not told how far that is: see balance.
+  void evaluate_contacts(Rows& u) {
     ScopedTime time(figures_.contact_seconds);
-    float travelled = listed_ ? farthest(u, listed_at_) : 0;
-    if (!listed_ || !(travelled < contacts_.skin())) {
-      listed_ = true;
-      travelled = 0;
-      std::copy_n(u.data(), rest_.rows, listed_at_.data());
-      contacts_.list_samples(u.data());
+    if (!listed_) list_contacts(u);
+    measure(u, listed_at_, &sums().travelled);
+    if (!device_ && !(sums().travelled < contacts_.skin())) {
+      list_contacts(u);
+      sums().travelled = 0;
     }
-    return contacts_.evaluate(u.data(), travelled);
+    contacts_.evaluate(u.data());
   }
 
-  float farthest(Rows& from, Rows& to) {
-    const float squared = reduce_max(executor_, rest_.places, "farthest", SquaredDistance{from.data(), to.data()});
-    return std::sqrt(squared) * kRoundUp;
+  void list_contacts(Rows& u) {
+    listed_ = true;
+    parallel_for(executor_, rest_.places, "copy_quads", CopyQuads{u.data(), listed_at_.data()});
+    contacts_.list_samples(u.data());
   }
 
-  void gather(Rows& u, Rows& gradient, Evaluation& at) {
-    const SampleTable& s = rest_.samples;
-    const GatherForces body{forces_.data(),        rest_.slot_offsets.data(), rest_.slots.data(),    u.data(),
-                            rest_.hold.data(),     rest_.free.data(),         contacts_.pushes(),    contacts_.forces(),
-                            s.back_offsets.data(), s.back_samples.data(),     s.back_weights.data(), gradient.data()};
-    const GatherForces::Sum sum = parallel_reduce(executor_, rest_.places, "gather_forces", GatherForces::Sum{}, body,
-                                                  [](const GatherForces::Sum& a, const GatherForces::Sum& b) {
-                                                    return GatherForces::Sum{a.squares + b.squares, a.load + b.load, a.energy + b.energy};
-                                                  });
-    at.gradient = std::sqrt(sum.squares);
-    at.load = std::sqrt(sum.load);
-    at.energy = elastic_energy_ + sum.energy + at.contact.energy;
+  void measure(Rows& from, Rows& to, float* farthest) { reduce(executor_, rest_.places, Farthest{from.data(), to.data(), farthest}); }
+
+  void gather(Rows& u, Rows& gradient) {
+    ScopedTime time(figures_.elastic_seconds);
+    const RestTables& t = rest_.on;
+    reduce(executor_, rest_.places,
+           GatherForces{forces_.data(), t.slot_offsets, t.slots, u.data(), t.hold, t.free, contacts_.pushes(), contacts_.forces(), t.back_offsets,
+                        t.back_samples, t.back_weights, gradient.data(), &sums().forces});
+  }
+
+  void evaluate_elastic(Rows& u) {
+    ScopedTime time(figures_.elastic_seconds);
+    const RestTables& t = rest_.on;
+    const ElasticTets body{u.data(), t.corners, t.shape, t.mu, t.lambda, forces_.data(), rest_.stride, rest_.term};
+    if (device_) return reduce(executor_, rest_.stride, ElasticEnergy{body, &sums().elastic});
+    const size_t grain = std::max(kTetsPerPiece, (rest_.stride / kMostPieces + 15) / 16 * 16);
+    parts_.resize(rest_.stride / grain + 1);
+    executor_.parallel_ranges(rest_.stride, grain, [&](size_t begin, size_t end) {
+      parts_[begin / grain] = lanes_.elastic(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end));
+    });
+    ElasticSum sum;
+    for (size_t piece = 0; piece * grain < rest_.stride; ++piece) sum = ElasticEnergy::combine(sum, parts_[piece]);
+    sums().elastic = sum;
   }
 
   Evaluation evaluate(Rows& u, Rows& gradient) {
-    Evaluation at;
     ++figures_.evaluations;
-    {
-      ScopedTime time(figures_.elastic_seconds);
-      const ElasticTets body{u.data(),
-                             rest_.corners.host().data(),
-                             rest_.shape.host().data(),
-                             rest_.mu.host().data(),
-                             rest_.lambda.host().data(),
-                             forces_.data(),
-                             rest_.stride,
-                             rest_.term};
-      const size_t grain = std::max(kTetsPerPiece, (rest_.stride / kMostPieces + 15) / 16 * 16);
-      std::vector<ElasticSum>& parts = parts_;
-      parts.resize(rest_.stride / grain + 1);
-      executor_.parallel_ranges(rest_.stride, grain, [&](size_t begin, size_t end) {
-        parts[begin / grain] = lanes_.elastic(body, static_cast<uint32_t>(begin), static_cast<uint32_t>(end));
-      });
-      elastic_energy_ = 0;
-      at.least_volume = 3.4e38f;
-      for (size_t piece = 0; piece * grain < rest_.stride; ++piece) {
-        elastic_energy_ += parts[piece].energy;
-        at.least_volume = std::min(at.least_volume, parts[piece].least_volume);
-      }
+    evaluate_elastic(u);
+    return balance(u, gradient);
+  }
+
+  // The rest of an evaluation at the place of the last elastic one, and the host's look at what came of it.
+  Evaluation balance(Rows& u, Rows& gradient) {
+    for (;;) {
+      const bool fresh = !listed_;
+      evaluate_contacts(u);
+      gather(u, gradient);
+      look();
+      if (!device_ || fresh || seen_.travelled < contacts_.skin()) break;
+      listed_ = false;
     }
-    at.contact = evaluate_contacts(u);
-    ScopedTime time(figures_.elastic_seconds);
-    gather(u, gradient, at);
+    Evaluation at;
+    at.contact = seen_.contact;
+    at.contact.energy += seen_.volume.energy;
+    at.gradient = std::sqrt(seen_.forces.squares);
+    at.load = std::sqrt(seen_.forces.load);
+    at.energy = seen_.elastic.energy + seen_.forces.energy + at.contact.energy;
+    at.least_volume = seen_.elastic.least_volume;
     return at;
+  }
+
+  void look() {
+    if (!device_) {
+      seen_ = sums();
+      return;
+    }
+    executor_.copy(&sums(), executor_.device(), &seen_, Device{}, sizeof seen_);
+    executor_.synchronise();
   }
 
   // A memory that fills too slowly gets stiffer contacts: the forces stay as they are.
@@ -186,30 +208,28 @@ class Solver {
     contacts_.update_memory();
     ++figures_.updates;
     stiffen(now.contact.change);
-    now.contact = evaluate_contacts(u_);
-    gather(u_, gradient_, now);
+    now = balance(u_, gradient_);
   }
 
   double relative(const Evaluation& at) const { return at.load > 0 ? at.gradient / at.load : 0; }
 
-  // P with the samples that push now: kc a w on the diagonal, lumped, the same for x, y and z.
+  // Of the shape that the Hessian was last made for, with the samples that push now.
   void renew_metric() {
-    ScopedTime time(figures_.factor_seconds);
-    diagonal_ = deformed_ ? deformed_diagonal_ : rest_.metric_diagonal;
-    contacts_.add_to(diagonal_, static_cast<float>(figures_.factors == 0 ? kFirstContacts : kLaterContacts));
-    metric_ = (deformed_ ? *deformed_ : *rest_.metric).renewed(executor_, lanes_, diagonal_, settings_.check_cancelled);
-    ++figures_.factors;
+    {
+      ScopedTime time(figures_.renewal_seconds);
+      float* blocks = blocks_.data_for_write();
+      contacts_.make_blocks(blocks);
+      metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_ ? *deformed_ : rest_.hessian, blocks);
+      ++figures_.metrics;
+    }
     renew_bulk();
   }
 
-  // A body that is deformed throughout has little to do with the rest shape's metric.
-  void renew_for_deformation() {
-    if (elastic_energy_ < kDeformed * rest_.stiffness) return;
+  // For the body as it is deformed now.
+  void renew_for_shape() {
     {
-      ScopedTime time(figures_.factor_seconds);
-      std::vector<float> entries;
-      rest_.metric_at(u_.data(), entries, deformed_diagonal_);
-      deformed_ = rest_.metric->remade(executor_, lanes_, entries, deformed_diagonal_, settings_.check_cancelled);
+      ScopedTime time(figures_.renewal_seconds);
+      deformed_ = rest_.hessian_at(executor_, u_.data());
       scale_ = 1;
     }
     renew_metric();
@@ -217,7 +237,7 @@ class Solver {
 
   void apply_metric(Rows& x) {
     ScopedTime time(figures_.solve_seconds);
-    metric_->solve(executor_, lanes_, x.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, x.data(), work_.data_for_write());
     if (!contacts_.keeps_volume()) return;
     // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
     const double along = math_.dot(bulk_.floats(), x.floats(), floats());
@@ -226,14 +246,19 @@ class Solver {
 
   void renew_bulk() {
     if (!contacts_.keeps_volume()) return;
+    if (device_) return device_->renew_bulk(*metric_, lanes_, contacts_, work_.data_for_write());
     contacts_.volume_gradient(bulk_.data());
     std::copy_n(bulk_.data(), rest_.rows, bulk_solved_.data());
-    metric_->solve(executor_, lanes_, bulk_solved_.data(), scratch_.data_for_write());
+    metric_->solve(executor_, lanes_, bulk_solved_.data(), work_.data_for_write());
     bulk_factor_ = 1 / (contacts_.volume_compliance() + math_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
   }
 
-  // direction_ <- -(metric of the last pairs) gradient
+  Ring ring() const { return {static_cast<uint32_t>(pairs_), static_cast<uint32_t>(newest_)}; }
+
+  // direction_ <- -(metric of the last pairs) gradient; the sums have the slope along it.
   void make_direction() {
+    if (device_)
+      return device_->make(ring(), *metric_, lanes_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, work_.data_for_write());
     float* d = direction_.floats();
     std::copy_n(gradient_.floats(), floats(), d);
     double weight[kMemory];
@@ -251,11 +276,17 @@ class Solver {
       math_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
     }
     for (size_t i = 0; i < floats(); ++i) d[i] = -d[i];
+    sums().slope = lanes_.dot(gradient_.floats(), d, floats());
   }
 
   // Remembers the step from (u_, gradient_) to (trial_, trial_gradient_).
   void remember() {
     const int slot = (newest_ + 1) % kMemory;
+    if (device_) {
+      newest_ = slot;
+      pairs_ = std::min(pairs_ + 1, kMemory);
+      return device_->remember(ring(), u_, trial_, gradient_, trial_gradient_);
+    }
     float *s = steps_[static_cast<size_t>(slot)].floats(), *y = changes_[static_cast<size_t>(slot)].floats();
     math_.combine(s, trial_.floats(), u_.floats(), -1, floats());
     math_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
@@ -266,11 +297,14 @@ class Solver {
     pairs_ = std::min(pairs_ + 1, kMemory);
   }
 
-  bool search(const Evaluation& now, double slope, Evaluation& next) {
+  bool search(const Evaluation& now, Evaluation& next) {
     double along = 1;
     for (int attempt = 0; attempt < 12; ++attempt) {
-      math_.combine(trial_.floats(), u_.floats(), direction_.floats(), static_cast<float>(along), floats());
+      if (!device_ && !(sums().slope < 0)) return false;
+      make_trial(static_cast<float>(along));
       next = evaluate(trial_, trial_gradient_);
+      const double slope = seen_.slope;
+      if (!(slope < 0)) return false;
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
       if (lower) {
         scale_ = attempt > 0 ? std::max(0.1, kShorter * scale_) : std::min(1.0, kLonger * scale_);
@@ -284,16 +318,24 @@ class Solver {
     return false;
   }
 
+  void make_trial(float along) {
+    if (device_) {
+      executor_.launch(CombineRows{trial_.data(), u_.data(), direction_.data(), along}, rest_.places);
+    } else {
+      math_.combine(trial_.floats(), u_.floats(), direction_.floats(), along, floats());
+    }
+    measure(trial_, u_, &sums().step);
+  }
+
   // One iteration of L-BFGS. False when no step goes down any more.
   bool iterate(Evaluation& now) {
     if (settings_.check_cancelled) settings_.check_cancelled();
     for (bool fresh = pairs_ == 0;; fresh = true) {
       make_direction();
-      const double slope = lanes_.dot(gradient_.floats(), direction_.floats(), floats());
       Evaluation next;
-      if (slope < 0 && search(now, slope, next)) {
+      if (search(now, next)) {
         ++figures_.iterations;
-        figures_.step = farthest(trial_, u_) / rest_.diagonal;
+        figures_.step = seen_.step / rest_.diagonal;
         remember();
         std::swap(u_, trial_);
         std::swap(gradient_, trial_gradient_);
@@ -325,14 +367,11 @@ class Solver {
     int since_update = 0, still = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
-      if (done == kRenewal) {
-        if (contacts_.by_entries()) {  // the shape has the right side by now
-          contacts_.forget_entries();
-          now = evaluate(u_, gradient_);
-        }
-        renew_metric();
+      if (done == kFirstRenewal && contacts_.by_entries()) {  // the shape has the right side by now
+        contacts_.forget_entries();
+        now = evaluate(u_, gradient_);
       }
-      if (done % kDeformedInterval == kDeformedRenewal) renew_for_deformation();
+      if (done >= kFirstRenewal && std::has_single_bit(static_cast<unsigned>(done))) renew_for_shape();
       if (done % kBulkInterval == 0 && done > 0) renew_bulk();
       if (!iterate(now)) {
         figures_.ended = "stalled";
@@ -361,13 +400,7 @@ class Solver {
 
   Buffer<Vec3f> positions() {
     Buffer<Vec3f> moved(rest_.places, executor_.memory());
-    Vec3f* to = moved.data_for_write();
-    const auto x = rest_.rest.host();
-    const Row4* u = u_.data();
-    for (uint32_t p = 0; p < rest_.places; ++p) {
-      const uint32_t v = rest_.vertex_at[p];
-      to[v] = x[v] + to_vec(u[p]);
-    }
+    parallel_for(executor_, rest_.places, "moved_places", MovedPlaces{rest_.on.rest, u_.data(), rest_.on.vertex_at, moved.data_for_write()});
     return moved;
   }
 
@@ -377,21 +410,23 @@ class Solver {
   EquilibriumFigures& figures_;
   const EnergyLanes& lanes_;
   RowMath math_;
+  Buffer<EquilibriumSums> sums_;
+  EquilibriumSums seen_;  // what the host last saw of them
   EquilibriumContacts contacts_;
   Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, bulk_, bulk_solved_, listed_at_;
   std::vector<Rows> steps_, changes_;
   double over_[kMemory] = {};  // 1 / s.y
   int pairs_ = 0, newest_ = kMemory - 1;
-  Buffer<float> scratch_;
+  std::unique_ptr<DeviceDirection> device_;  // in place of all that the pairs need on the host
+  Buffer<float> blocks_;
+  Buffer<Row4> work_;
   std::vector<ElasticSum> parts_;
-  std::vector<float> diagonal_;
-  double elastic_energy_ = 0, bulk_factor_ = 0, scale_ = 1;
+  double bulk_factor_ = 0, scale_ = 1;
   int updates_since_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
-  std::vector<float> deformed_diagonal_;
-  std::unique_ptr<Metric> deformed_;  // in place of the rest shape's, once the body has little to do with it
-  std::unique_ptr<Metric> metric_;    // of this frame's contacts
+  std::optional<Hessian> deformed_;     // in place of the rest shape's
+  std::unique_ptr<Multigrid> metric_;  // of this frame's contacts
 };
 
 }  // namespace
@@ -409,6 +444,9 @@ const EnergyLanes& energy_lanes(const Executor& executor) {
 Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
                                 const EquilibriumSettings& settings, EquilibriumFigures& figures) {
   figures = {};
+  if (rest.device != executor.device())
+    throw Error(ErrorCode::kDevice, "equilibrium: the rest shape was prepared for " + rest.device.text() + ", not for " + executor.device().text(),
+                "prepare it with the executor that solves");
   return Solver(executor, rest, placement, colliders, settings, figures).run();
 }
 

@@ -1,4 +1,5 @@
-// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over a metric of the rest shape.
+// The equilibrium of a body pressed by colliders: the minimum of one energy over H (method.md 4), by L-BFGS over a multigrid cycle
+// (kernels/multigrid.h).
 #pragma once
 #include <functional>
 #include <memory>
@@ -11,9 +12,6 @@
 
 namespace knead {
 
-// What stands for the energy's second derivative: one sparse factor, or a multigrid cycle where H is large or the factor would not fit.
-enum class MetricKind { kAuto, kFactor, kMultigrid };
-
 // What belongs to the rest shape. Paint is per vertex of M, null where there is none; it reaches H as kernels/hold.h says.
 struct EquilibriumMaterial {
   ElasticTerm term = ElasticTerm::kStableNeoHookean;
@@ -25,27 +23,23 @@ struct EquilibriumMaterial {
   const Buffer<float>* pins = nullptr;
   bool keep_volume = true;  // M as a whole keeps the volume that it encloses
   int contact_samples = 0;  // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
-  MetricKind metric = MetricKind::kAuto;
-  double memory_limit = 4e9;  // bytes for the metric
+  double memory_limit = 8e9;  // bytes for the metric
   std::function<void()> check_cancelled;
   void check() const {
     if (check_cancelled) check_cancelled();
   }
 };
 
-// Tables and the metric: made once, shared by all frames and threads. Throws Error(kMemory), before it starts, when the metric would need more than
-// the limit; Error(kInput) for paint that is no number or does not fit.
+// Tables and grids: made once, shared by all frames and threads. The host makes them, from a mesh and a lattice in its memory; a device takes copies.
+// Throws Error(kMemory), before it starts, when the metric would need more than the limit; Error(kInput) for paint that is no number or does not fit.
 class EquilibriumRest;
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
                                                            const EquilibriumMaterial& material);
 
 struct RestFigures {
   size_t vertices = 0, tets = 0, samples = 0;
-  std::string metric;        // factor, multigrid
-  size_t factor_values = 0;  // of a factor
-  double factor_flops = 0;   // of a factor
   double metric_bytes = 0;   // the metric and what it keeps for a frame's own
-  double order_seconds = 0, metric_seconds = 0, seconds = 0;
+  double metric_seconds = 0, seconds = 0;
 };
 const RestFigures& figures_of(const EquilibriumRest& rest);
 
@@ -61,11 +55,14 @@ struct EquilibriumSettings {
   double memory_gradient = 0.03;  // or when the relative gradient is below this
   double margin = 0;              // M's local units
   Vec3d entry{0, 0, 0};           // the way that the colliders came in, world; zero: told from the rest shape
+  // On a device: collider k where the host can read it, to find where it came in; asked for only when it touches M at rest.
+  std::function<Sdf(size_t)> on_host;
   std::function<void()> check_cancelled;
 };
 
 struct EquilibriumFigures {
-  int iterations = 0, evaluations = 0, updates = 0, factors = 0;
+  int iterations = 0, evaluations = 0, updates = 0;
+  int metrics = 0;          // made for this frame
   int way_in = 0;           // iterations that the colliders needed to come in from outside (kernels/approach.h), of all
   size_t undecided = 0;     // colliders that are in so deep that their side cannot be told: the nearest way out was taken
   size_t enclosed = 0;      // colliders that lie inside M at rest without touching it: nothing says that they should
@@ -77,10 +74,12 @@ struct EquilibriumFigures {
   double energy = 0;
   double volume = 0;  // error of the enclosed volume, relative; 0 when it is not kept
   size_t contacts = 0;
-  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, factor_seconds = 0, seconds = 0;
+  double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, renewal_seconds = 0, seconds = 0;
 };
 
-// H's positions in tet space; the rest buffer itself when nothing is in contact. Starts from rest. Throws Error(kInput) as collide_push does.
+// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. Starts from rest. `rest` is
+// for the same executor. On a device the host reads back one EquilibriumSums an evaluation, and beside that only what it needs to find where colliders
+// came in, and H where the metric is remade for a deformed body; parts of the times are those of launches there. Throws Error(kInput) as collide_push does.
 Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
                                 const EquilibriumSettings& settings, EquilibriumFigures& figures);
 

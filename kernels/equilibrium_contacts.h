@@ -6,6 +6,7 @@
 
 #include "kernels/contact_body.h"
 #include "kernels/equilibrium_rest.h"
+#include "kernels/equilibrium_sums.h"
 #include "kernels/rows.h"
 
 namespace knead {
@@ -13,13 +14,15 @@ namespace knead {
 class EquilibriumContacts {
  public:
   EquilibriumContacts(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
-                      const EquilibriumSettings& settings);
+                      const EquilibriumSettings& settings, EquilibriumSums* sums, const EquilibriumSums& seen);
 
-  // Energy and forces with H displaced by u. `travelled`: how far any vertex of H has gone since the last call of list_samples, or more.
-  ContactSum evaluate(const Row4* u, float travelled);
-  const Row4* pushes() const { return push_.host().data(); }  // by place: the samples' forces
-  // By vertex of M, to be added to that: what acts on all of them at once. Null when nothing does.
-  const Row4* forces() const { return keeps_volume() ? force_.host().data() : nullptr; }
+  // Forces with H displaced by u, and their energy to `sums`, where `travelled` says how far any vertex of H has gone since the last call of
+  // list_samples, or more. `sums` is in the executor's memory; what the host has last seen of it is in `seen`.
+  void evaluate(const Row4* u);
+  // By place: the samples' forces. Null on a device, where every place gathers them.
+  const Row4* pushes() const { return on_host() ? push_.host().data() : nullptr; }
+  // By sample, to be added to that: on the host what acts on all vertices of M at once. Null when nothing does.
+  const Row4* forces() const { return keeps_volume() || !on_host() ? force_.view(executor_.device()).data() : nullptr; }
 
   // Finds the samples that may come in contact before H has travelled skin().
   void list_samples(const Row4* u);
@@ -40,39 +43,44 @@ class EquilibriumContacts {
   // Stiffer contacts under the same forces.
   void stiffen(float by);
 
-  // Adds what the samples that push are worth to the metric's diagonal, by place.
-  void add_to(std::span<float> diagonal, float share) const;
+  // What the samples that push add to the diagonal of a metric: blocks by place (kernels/multigrid_body.h), in the executor's memory.
+  void make_blocks(float* blocks) const;
 
   bool keeps_volume() const { return !rest_.fans.empty(); }
-  double volume_error() const { return volume_error_; }
+  double volume_error() const { return seen_.volume.error; }
+  double volume_stiffness() const;   // kb
   double volume_compliance() const;  // the inverse of the enclosed volume's second derivative along its gradient
   // The gradient of the enclosed volume by place, of the last evaluate.
   void volume_gradient(Row4* by_place) const;
 
  private:
-  Vec3d against_patch(size_t collider) const;
+  Vec3d against_patch(const float* distance) const;  // to one collider
   void find_beginnings(uint32_t collider, const Vec3d& entry);  // for friction
-  double add_volume();
+  void add_volume();
   void spread();
   size_t samples() const { return rest_.samples.size(); }
+  bool on_host() const { return executor_.device() == Device{}; }
+  std::vector<float> read(const float* values, size_t n) const;
+  std::vector<float> distances() const { return read(body_.distance, body_.count * samples()); }
 
   Executor& executor_;
   const EquilibriumRest& rest_;
   const Similarity placement_;
   const std::span<const Sdf* const> colliders_;
-  const double margin_;  // M's local units
+  const EquilibriumSettings& settings_;
+  EquilibriumSums* const sums_;
+  const EquilibriumSums& seen_;
   ContactEnergy body_{};
   Buffer<Row4> force_, push_, now_, volume_gradient_;
   Buffer<float> memory_, distance_;
-  std::vector<Row4> normal_, stuck_;
-  std::vector<float> began_;
+  Buffer<Row4> normal_, stuck_;
+  Buffer<float> began_;
   std::vector<ColliderView> places_;  // where the colliders are in the end
   std::vector<Vec3d> ways_;           // along which they come there
-  std::vector<float> slack_, exits_;
-  std::vector<uint32_t> list_, pushed_;  // samples that may push; places that are pushed
+  Buffer<float> slack_, exits_;
+  std::vector<uint32_t> list_, pushed_;  // samples that may push; places that are pushed; on the host
   float skin_;
   size_t undecided_ = 0;
-  double rest_volume_ = 0, volume_error_ = 0, volume_memory_ = 0;
 };
 
 }  // namespace knead

@@ -10,18 +10,16 @@
 
 #include "graph/error.h"
 #include "kernels/energy_lanes.h"
+#include "kernels/hessian_body.h"
 #include "kernels/hold.h"
 #include "kernels/loop_points.h"
-#include "kernels/multigrid.h"
 #include "kernels/neighbour_table.h"
 #include "kernels/parallel.h"
-#include "kernels/sparse_cholesky.h"
 
 namespace knead {
 namespace {
 
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
-constexpr size_t kFactorVertices = 5000;  // of H: above this a multigrid cycle is quicker than a factor (measured)
 constexpr double kLeastVolume = 1e-5;      // of the diagonal's cube: a surface that encloses less has no volume to keep
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -67,34 +65,15 @@ std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const
   return {on_tets.host().begin(), on_tets.host().end()};
 }
 
-// H's edges in places, and which of them each tet has: pairs of corners in the order 01 02 03 12 13 23.
-std::vector<std::array<uint32_t, 2>> make_edges(EquilibriumRest& rest, const EquilibriumMaterial& material) {
-  const uint32_t* corners = rest.corners.host().data();
-  const size_t stride = rest.stride;
-  const auto each_pair = [&](auto&& take) {
-    for (size_t k = 0; k < rest.tets; ++k)
-      for (size_t i = 0, e = 0; i < 4; ++i)
-        for (size_t j = i + 1; j < 4; ++j, ++e) {
-          const auto [p, q] = std::minmax(corners[i * stride + k], corners[j * stride + k]);
-          take(p, q, static_cast<uint32_t>(6 * k + e));
-        }
-  };
-  std::vector<size_t> begin(size_t{rest.places} + 1, 0);  // by lower place
-  each_pair([&](uint32_t p, uint32_t, uint32_t) { ++begin[p + 1]; });
-  for (size_t p = 0; p < rest.places; ++p) begin[p + 1] += begin[p];
-  std::vector<std::array<uint32_t, 2>> pairs(begin.back()), edges;  // the higher place, and which pair of which tet
-  std::vector<size_t> cursor(begin.begin(), begin.end() - 1);
-  each_pair([&](uint32_t p, uint32_t q, uint32_t pair) { pairs[cursor[p]++] = {q, pair}; });
-  material.check();
-  rest.tet_edges.resize(6 * rest.tets);
-  for (uint32_t p = 0; p < rest.places; ++p) {
-    const auto first = pairs.begin() + static_cast<ptrdiff_t>(begin[p]), last = pairs.begin() + static_cast<ptrdiff_t>(begin[p + 1]);
-    std::sort(first, last);
-    for (auto pair = first; pair != last; ++pair) {
-      if (pair == first || (*pair)[0] != edges.back()[1]) edges.push_back({p, (*pair)[0]});
-      rest.tet_edges[(*pair)[1]] = static_cast<uint32_t>(edges.size() - 1);
-    }
+// H's edges in places, lower first, rising.
+std::vector<std::array<uint32_t, 2>> make_edges(const TetMesh& tets, const std::vector<uint32_t>& place, std::span<const float> free) {
+  std::vector<std::array<uint32_t, 2>> edges;
+  edges.reserve(tets.edges.size());
+  for (const auto& edge : tets.edges.host()) {
+    const auto [p, q] = std::minmax(place[edge[0]], place[edge[1]]);
+    if (free[p] != 0 && free[q] != 0) edges.push_back({p, q});
   }
+  std::sort(edges.begin(), edges.end());
   return edges;
 }
 
@@ -169,11 +148,29 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
     for (size_t c = 0; c < 4; ++c) rest.slots[cursor[corners[c * rest.stride + k]]++] = static_cast<uint32_t>(c * rest.stride + k);
 }
 
-[[noreturn]] void throw_too_large(const RestFigures& figures, double limit) {
+void check_memory(const RestFigures& figures, double limit) {
+  if (figures.metric_bytes <= limit) return;
   char text[200];
-  std::snprintf(text, sizeof text, "equilibrium: the %s of H's %zu vertices would take %.2g GB; the limit is %.2g GB", figures.metric.c_str(),
-                figures.vertices, figures.metric_bytes * 1e-9, limit * 1e-9);
+  std::snprintf(text, sizeof text, "equilibrium: the metric of H's %zu vertices would take %.2g GB; the limit is %.2g GB", figures.vertices,
+                figures.metric_bytes * 1e-9, limit * 1e-9);
   throw Error(ErrorCode::kMemory, text, "build a coarser H (build_tets: lower max_depth or min_depth), or raise memory_limit");
+}
+
+// Where in the metric's rows the blocks of a corner of a tet and each of the four go.
+void find_slot_places(EquilibriumRest& rest) {
+  const SparseRows& pattern = rest.grids->pattern();
+  const uint32_t* corners = rest.corners.host().data();
+  rest.slot_places.resize(4 * rest.slots.size());
+  for (uint32_t p = 0; p < rest.places; ++p) {
+    const auto begin = pattern.index.begin() + pattern.offsets[p], end = pattern.index.begin() + pattern.offsets[p + 1];
+    for (uint32_t e = rest.slot_offsets[p]; e < rest.slot_offsets[p + 1]; ++e)
+      for (size_t c = 0; c < 4; ++c) {
+        const uint32_t q = corners[c * rest.stride + rest.slots[e] % rest.stride];
+        const auto at = std::lower_bound(begin, end, q);
+        const bool none = rest.free[p] == 0 || rest.free[q] == 0;
+        rest.slot_places[4 * size_t{e} + c] = q == p ? HessianRow::kOwn : none ? HessianRow::kNone : static_cast<uint16_t>(at - begin);
+      }
+  }
 }
 
 std::vector<GridPlace> grid_places(const TetMesh& tets) {
@@ -186,63 +183,12 @@ std::vector<GridPlace> grid_places(const TetMesh& tets) {
   return places;
 }
 
-// Orders H's vertices to suit the metric, and makes it.
-class MetricMaker {
- public:
-  MetricMaker(Executor& executor, const TetMesh& tets, const EquilibriumMaterial& material) : executor_(executor), tets_(tets), material_(material) {
-    const bool large = material.metric == MetricKind::kAuto && tets.vertices() > kFactorVertices;
-    if (large || material.metric == MetricKind::kMultigrid)
-      dissection_.order = order_in_space(grid_places(tets));
-    else
-      dissection_ = nested_dissection(tets.rest.host(), tets.edges.host(), kLeaf, material.check_cancelled);
-  }
-  const std::vector<uint32_t>& order() const { return dissection_.order; }
-
-  void make(EquilibriumRest& rest, std::vector<std::array<uint32_t, 2>> edges) const {
-    RestFigures& figures = rest.figures;
-    std::shared_ptr<const FactorPlan> plan;
-    if (!dissection_.nodes.empty()) {
-      plan = std::make_shared<const FactorPlan>(dissection_, edges, material_.check_cancelled);
-      figures.metric = "factor";
-      figures.factor_values = plan->stored_values();
-      figures.factor_flops = plan->flops();
-      figures.metric_bytes = plan->bytes();
-      if (plan->bytes() > material_.memory_limit && material_.metric == MetricKind::kAuto) plan = nullptr;
-    }
-    if (!plan) {
-      figures.metric = "multigrid";
-      figures.metric_bytes = Multigrid::expected_bytes(rest.places, edges.size());
-    }
-    if (figures.metric_bytes > material_.memory_limit) throw_too_large(figures, material_.memory_limit);
-    std::vector<float> entries;
-    rest.metric_at(nullptr, entries, rest.metric_diagonal);
-    const EnergyLanes& lanes = energy_lanes(executor_);
-    if (plan) {
-      rest.metric = std::make_unique<SparseCholesky>(executor_, lanes, plan, entries, rest.metric_diagonal, material_.check_cancelled);
-      return;
-    }
-    const std::vector<GridPlace> by_vertex = grid_places(tets_);
-    std::vector<GridPlace> places;
-    places.reserve(by_vertex.size());
-    for (const uint32_t v : order()) places.push_back(by_vertex[v]);
-    auto made = std::make_unique<Multigrid>(executor_, lanes, places, edges, rest.free, entries, rest.metric_diagonal, material_.check_cancelled);
-    figures.metric_bytes = made->bytes() + 4.0 * static_cast<double>(made->scratch_floats());
-    rest.metric = std::move(made);
-  }
-
- private:
-  static constexpr uint32_t kLeaf = 16;
-  Executor& executor_;
-  const TetMesh& tets_;
-  const EquilibriumMaterial& material_;
-  Dissection dissection_;  // of multigrid the order alone
-};
-
 }  // namespace
 
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
                                                            const EquilibriumMaterial& material) {
-  require_host(executor, "equilibrium");
+  const bool on_host = executor.device() == Device{};
+  Executor& host = on_host ? executor : stand_in();  // what is made once is made there
   require_size(lattice.tet_rest.size(), tets.vertices(), "equilibrium", "vertices in the lattice", "vertices of the tet mesh");
   const auto start = std::chrono::steady_clock::now();
   auto made = std::make_shared<EquilibriumRest>();
@@ -251,7 +197,8 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.term = material.term;
   rest.places = n;
   rest.rows = (n + 15) / 16 * 16;
-  rest.rest = tets.rest;
+  rest.device = executor.device();
+  rest.rest = on_host ? tets.rest : placed_copy(executor, tets.rest.host());
   rest.to_local = lattice.to_local;
   rest.surface = lattice.rest;
   rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
@@ -259,23 +206,26 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   Assembly a{tets,
              lattice,
              material,
-             painted(executor, material.stiffness_weights, lattice, "stiffness weights", false),
-             painted(executor, material.volume_weights, lattice, "volume weights", false),
+             painted(host, material.stiffness_weights, lattice, "stiffness weights", false),
+             painted(host, material.volume_weights, lattice, "volume weights", false),
              std::vector<double>(n, 0)};
   for (float& w : a.stiffness) w = std::max(w, 1e-3f);  // no stiffness at all is no shape at all
-  const std::vector<float> hold = painted(executor, material.hold_weights, lattice, "hold weights", false);
-  const std::vector<float> pins = painted(executor, material.pins, lattice, "pins", true);
+  const std::vector<float> hold = painted(host, material.hold_weights, lattice, "hold weights", false);
+  const std::vector<float> pins = painted(host, material.pins, lattice, "pins", true);
   for (size_t t = 0; t < tets.tets.size(); ++t)
     for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
 
-  const MetricMaker metric(executor, tets, material);
-  rest.figures.order_seconds = seconds_since(start);
-  rest.vertex_at = metric.order();
+  rest.figures.vertices = n;
+  rest.figures.metric_bytes = MultigridGrids::expected_bytes(n, tets.edges.size());
+  check_memory(rest.figures, material.memory_limit);
+  const std::vector<GridPlace> by_vertex = grid_places(tets);
+  rest.vertex_at = order_in_space(by_vertex);
   std::vector<uint32_t> place(n);
-  for (uint32_t p = 0; p < n; ++p) place[metric.order()[p]] = p;
+  std::vector<GridPlace> places(n);
+  for (uint32_t p = 0; p < n; ++p) place[rest.vertex_at[p]] = p, places[p] = by_vertex[rest.vertex_at[p]];
   make_tet_tables(a, place, rest);
   material.check();
-  rest.samples = make_samples(lattice, place, material.contact_samples);
+  rest.samples = make_samples(lattice, place, material.contact_samples, !on_host);
   material.check();
 
   rest.hold.resize(n);
@@ -294,16 +244,62 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   if (material.keep_volume) make_fans(lattice, rest);
   rest.contact_scale = (1 + mean_lame) / std::max(tets.mean_edge, 1e-6f);
 
-  std::vector<std::array<uint32_t, 2>> edges = make_edges(rest, material);
-  rest.edges = edges.size();
   const auto before_metric = std::chrono::steady_clock::now();
-  rest.figures.vertices = n;
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  metric.make(rest, std::move(edges));
+  rest.grids = std::make_unique<MultigridGrids>(host, places, make_edges(tets, place, rest.free), rest.free, material.check_cancelled);
+  find_slot_places(rest);
+  rest.place_tables(host);
+  rest.hessian = rest.hessian_at(host, nullptr);
+  rest.grids->measure(host, energy_lanes(host), rest.hessian);
+  if (!on_host) {
+    rest.grids->place(executor);
+    rest.place_tables(executor);
+    rest.hessian = rest.hessian_at(executor, nullptr);
+    executor.synchronise();  // other threads use them
+  }
+  rest.figures.metric_bytes = rest.grids->bytes();
   rest.figures.metric_seconds = seconds_since(before_metric);
   rest.figures.seconds = seconds_since(start);
   return made;
+}
+
+Hessian EquilibriumRest::hessian_at(Executor& executor, const Row4* u) const {
+  const MultigridLevel& finest = grids->levels().front();
+  Buffer<float> gradients(TetGradients::kFloats * stride, executor.memory()), entries(kBlock * finest.entries, executor.memory()),
+      diagonal(kBlock * size_t{places}, executor.memory());
+  float* of_tets = gradients.data_for_write();
+  parallel_for(executor, stride, "tet_gradients", TetGradients{u, on.corners, on.shape, on.mu, on.lambda, stride, term, of_tets});
+  parallel_for(executor, places, "hessian_row",
+               HessianRow{of_tets, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, finest.a.offsets, entries.data_for_write(),
+                          diagonal.data_for_write()});
+  return make_hessian(executor, *grids, std::move(entries), std::move(diagonal));
+}
+
+void EquilibriumRest::place_tables(Executor& executor) {
+  const auto place = [&](const auto& table) { return placed_(executor, table); };
+  on.corners = place(corners.host());
+  on.slot_offsets = place(slot_offsets);
+  on.slots = place(slots);
+  on.slot_places = place(slot_places);
+  on.offsets = place(samples.offsets);
+  on.indices = place(samples.indices);
+  on.back_offsets = place(samples.back_offsets);
+  on.back_samples = place(samples.back_samples);
+  on.fan_offsets = place(fan_offsets);
+  on.fans = place(fans);
+  on.vertex_at = place(vertex_at);
+  on.shape = place(shape.host());
+  on.mu = place(mu.host());
+  on.lambda = place(lambda.host());
+  on.hold = place(hold);
+  on.free = place(free);
+  on.weights = place(samples.weights);
+  on.area = place(samples.area);
+  on.back_weights = place(samples.back_weights);
+  on.rest = rest.view(executor.device()).data();
+  on.sample_rest = place(samples.rest);
+  executor.synchronise();  // other threads use them
 }
 
 const MeshDistance& EquilibriumRest::searchable(Executor& executor) const {

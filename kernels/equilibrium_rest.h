@@ -6,7 +6,8 @@
 
 #include "kernels/equilibrium.h"
 #include "kernels/mesh_distance.h"
-#include "kernels/metric.h"
+#include "kernels/multigrid.h"
+#include "kernels/placed.h"
 
 namespace knead {
 
@@ -18,24 +19,33 @@ struct SampleTable {
   std::vector<Vec3f> rest;                           // tet space
   std::vector<float> area;                           // cells^2
   std::vector<Vec3f> outward;                        // area vectors at rest, out of the body, cells^2
-  std::vector<uint32_t> back_offsets, back_samples;  // by place
+  std::vector<uint32_t> back_offsets, back_samples;  // by place; of M's vertices, on a device of all samples
   std::vector<float> back_weights;
   size_t size() const { return area.size(); }
 };
 
+// The tables that kernels read, in the memory of the executor that they run on; the names are those of EquilibriumRest and SampleTable.
+struct RestTables {
+  const uint32_t *corners, *slot_offsets, *slots, *offsets, *indices, *back_offsets, *back_samples, *fan_offsets, *fans, *vertex_at;
+  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *back_weights;
+  const uint16_t* slot_places;
+  const Vec3f *rest, *sample_rest;
+};
+
 class EquilibriumRest {
  public:
+  Device device;                    // where it is for
+  RestTables on{};                  // there
   ElasticTerm term;
   uint32_t places = 0;              // vertices of H
   uint32_t rows = 0;                // places, padded to a multiple of 16
-  Buffer<Vec3f> rest;               // x_rest in H's own numbering
+  Buffer<Vec3f> rest;               // x_rest in H's own numbering, on the device
   std::vector<uint32_t> vertex_at;  // by place
   size_t tets = 0, stride = 0;      // stride: tets, padded to lanes
   Buffer<uint32_t> corners;         // [4][stride]
   Buffer<float> shape, mu, lambda;
-  size_t edges = 0;                           // of H
-  std::vector<uint32_t> tet_edges;            // [tets][6]
   std::vector<uint32_t> slot_offsets, slots;  // by place: which rows of the tets' forces act on it
+  std::vector<uint16_t> slot_places;          // [slots][4] as HessianRow has them
   std::vector<float> hold;                    // by place, cells^-2 times cells^3
   std::vector<float> free;                    // 1, or 0 for a pinned place
   bool any_pinned = false;
@@ -48,21 +58,23 @@ class EquilibriumRest {
   Surface surface;                          // M
   const MeshDistance& searchable(Executor& executor) const;  // M, for ray casts: made when it is first asked for
   double contact_scale = 1;                 // kc of `contact` = 1, per cell
-  std::vector<float> metric_diagonal;       // P's, by place
-  std::unique_ptr<const Metric> metric;     // of P without contacts
+  std::unique_ptr<MultigridGrids> grids;
+  Hessian hessian;  // at rest
   RestFigures figures;
 
-  // The metric P with H displaced by u (null: at rest), without contacts: entries by edge, and the diagonal by place. Each tet's part of the elastic
-  // Hessian is taken as mu n_i.n_j + lambda (C n_i).(C n_j), the same for x, y and z, with n the gradients of the shape functions and C the
-  // cofactors of the deformation, which turn and stretch with it.
-  void metric_at(const Row4* u, std::vector<float>& entries, std::vector<float>& diagonal) const;
+  // The second derivative with H displaced by u, in the executor's memory; null: at rest.
+  Hessian hessian_at(Executor& executor, const Row4* u) const;
+
+  void place_tables(Executor& executor);
 
  private:
+  Placed placed_;
   mutable std::once_flag searchable_once_;
   mutable std::unique_ptr<MeshDistance> searchable_;
 };
 
 // Samples of the surface that `lattice` binds, in places of the metric's order: `steps` subdivisions of a triangle's sides, below 2 vertices only.
-SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps);
+// `gathers`: the way back holds all of them.
+SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps, bool gathers);
 
 }  // namespace knead

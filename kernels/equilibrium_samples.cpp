@@ -27,16 +27,16 @@ std::vector<OnTriangle> points_within(const std::array<uint32_t, 3>& v, int step
   return found;
 }
 
-// The other way round: the vertices of M that a vertex of H moves.
-void turn_round(SampleTable& table, size_t places) {
+// The other way round: those of the first `samples` that a vertex of H moves.
+void turn_round(SampleTable& table, size_t places, size_t samples) {
   table.back_offsets.assign(places + 1, 0);
-  const uint32_t entries = table.offsets[table.vertices];
+  const uint32_t entries = table.offsets[samples];
   for (uint32_t e = 0; e < entries; ++e) ++table.back_offsets[table.indices[e] + 1];
   for (size_t p = 0; p < places; ++p) table.back_offsets[p + 1] += table.back_offsets[p];
   table.back_samples.resize(entries);
   table.back_weights.resize(entries);
   std::vector<uint32_t> cursor(table.back_offsets.begin(), table.back_offsets.end() - 1);
-  for (uint32_t s = 0; s < table.vertices; ++s)
+  for (uint32_t s = 0; s < samples; ++s)
     for (uint32_t e = table.offsets[s]; e < table.offsets[s + 1]; ++e) {
       const uint32_t at = cursor[table.indices[e]]++;
       table.back_samples[at] = s;
@@ -46,7 +46,7 @@ void turn_round(SampleTable& table, size_t places) {
 
 }  // namespace
 
-SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps) {
+SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps, bool gathers) {
   SampleTable table;
   const Similarity to_cells = lattice.to_local.inverse();
   std::vector<Vec3d> points;
@@ -100,7 +100,7 @@ SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& pl
   for (uint32_t i = 0; i < n; ++i) add({{{i, 1.0}, {i, 0.0}, {i, 0.0}}}, i);
   for (size_t s = 0; s < inner.size(); ++s) add(inner[s], n + s);
   table.vertices = n;
-  turn_round(table, place.size());
+  turn_round(table, place.size(), gathers ? table.size() : n);
   return table;
 }
 

@@ -2,273 +2,336 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 
+#include "graph/error.h"
 #include "kernels/energy_lanes.h"
-#include "kernels/nested_dissection.h"
 #include "kernels/parallel.h"
 
 namespace knead {
 namespace {
 
-constexpr uint32_t kCoarsest = 300;   // nodes that are few enough for a factor
+constexpr uint32_t kCoarsest = 40;    // nodes that are few enough for a dense inverse,
+constexpr uint32_t kDense = 200;      // and the most of them when there is no coarser grid
 constexpr double kWorthAGrid = 0.4;   // of the nodes: a grid with more is left out, and the next one tried
-constexpr int kDegree = 3;            // of the smoother
+constexpr int kDegree = 2;            // of the smoother
+constexpr int kCoarsestDegree = 16;   // where the coarsest grid is too large for an inverse
 constexpr float kShift = 1e-5f;       // of the coarsest diagonal: trilinear weights may be linearly dependent
-constexpr size_t kRows = 2048;        // per piece
+constexpr size_t kRows = 512;         // per piece
 constexpr int32_t kWidest = 1 << 20;  // spacing
+constexpr int kMeasure = 20;          // steps towards a largest eigenvalue,
+constexpr float kSafety = 1.25f;      // and how much larger it may be, after them and in another shape
+
+// A body over rows: on a device itself, else the code for the processor's lanes.
+template <class Body>
+void run_rows(Executor& executor, uint32_t n, const Body& body, void (*run)(const Body&, size_t, size_t)) {
+  if (executor.device() != Device{}) return executor.launch(body, n);
+  executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { run(body, begin, end); });
+}
+
+// Step k of the smoother's polynomial. A first step knows no x before: x takes its place and the factors make up for it.
+void smooth_step(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int k, bool first, const Row4* right, const Row4* before,
+                 const Row4* now, Row4* to) {
+  const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
+  const float by = static_cast<float>(8 * k - 4) / (static_cast<float>(2 * k + 1) * level.largest);
+  const float keep = first ? 1 + 2 * again : 1 + again;
+  run_rows(executor, level.size, Smooth{level.a, keep, again, by, right, first ? now : before, now, to}, lanes.smooth);
+}
+
+// `degree` steps of the smoother from zero towards A^-1 right; the result is in `now`.
+void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now,
+                      Row4*& other) {
+  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a, 4 / (3 * level.largest), right, now}, kRows);
+  for (int k = 2; k <= degree; ++k) {
+    smooth_step(executor, lanes, level, k, k == 2, right, other, now, other);
+    std::swap(now, other);
+  }
+}
+
+SparseRows pattern_of(size_t rows, std::span<const std::array<uint32_t, 2>> edges) {
+  SparseRows pattern;
+  pattern.offsets.assign(rows + 1, 0);
+  for (const auto& [a, b] : edges) ++pattern.offsets[a + 1], ++pattern.offsets[b + 1];
+  for (size_t p = 0; p < rows; ++p) pattern.offsets[p + 1] += pattern.offsets[p];
+  pattern.index.resize(2 * edges.size());
+  std::vector<uint32_t> cursor(pattern.offsets.begin(), pattern.offsets.end() - 1);
+  for (const auto& [a, b] : edges) {
+    pattern.index[cursor[a]++] = b;
+    pattern.index[cursor[b]++] = a;
+  }
+  return pattern;
+}
+
+// Rows of a pattern as unions of others: numbers the columns of one row after the other.
+class RowUnion {
+ public:
+  explicit RowUnion(uint32_t columns) : at_(columns, kNone) {}
+  void meet(uint32_t column) {
+    if (at_[column] == kNone) at_[column] = 0, met_.push_back(column);
+  }
+  // The row is complete: columns in rising order.
+  const std::vector<uint32_t>& close() {
+    std::sort(met_.begin(), met_.end());
+    for (uint32_t k = 0; k < met_.size(); ++k) at_[met_[k]] = k;
+    return met_;
+  }
+  uint32_t place(uint32_t column) const { return at_[column]; }
+  void open() {
+    for (const uint32_t c : met_) at_[c] = kNone;
+    met_.clear();
+  }
+
+ private:
+  static constexpr uint32_t kNone = 0xffffffffu;
+  std::vector<uint32_t> at_, met_;
+};
+
+uint16_t as_place(uint32_t place) {
+  if (place >= CoarseRow::kOwn) throw Error(ErrorCode::kInput, "equilibrium: a vertex of H has too many neighbours for a multigrid metric");
+  return static_cast<uint16_t>(place);
+}
+
+Buffer<float> blocks(Executor& executor, size_t count) {
+  return Buffer<float>(kBlock * count, executor.memory());
+}
 
 }  // namespace
 
-MatrixRows Multigrid::matrix(size_t level) const {
-  const SparseRows& pattern = (*grids_)[level].matrix;
-  const Values& values = values_[level];
-  return {pattern.offsets.data(), pattern.index.data(), values.entries->data(), values.diagonal.data(), values.inverse.data()};
-}
-
-void Multigrid::set_fine(std::span<const float> entries, std::span<const float> diagonal) {
-  const SparseRows& pattern = grids_->front().matrix;
-  auto by_row = std::make_shared<std::vector<float>>(pattern.index.size());
-  std::vector<uint32_t> cursor(pattern.offsets.begin(), pattern.offsets.end() - 1);
-  size_t edge = 0;  // those of a row lie behind its lower neighbours, in the order of the edges
-  for (uint32_t p = 0; p < pattern.rows(); ++p)
-    for (uint32_t e = cursor[p]; e < pattern.offsets[p + 1]; ++e, ++edge) {
-      (*by_row)[e] = entries[edge];
-      (*by_row)[cursor[pattern.index[e]]++] = entries[edge];
-    }
-  values_.resize(1);
-  values_[0].entries = std::move(by_row);
-  values_[0].diagonal.assign(diagonal.begin(), diagonal.end());
-}
-
-void Multigrid::make_inverse(Executor& executor, size_t level) {
-  Values& values = values_[level];
-  const SparseRows& pattern = (*grids_)[level].matrix;
-  values.inverse.resize(pattern.rows());
-  parallel_for(executor, pattern.rows(), "multigrid_inverse", [&](uint32_t p) {
-    float sum = values.diagonal[p];
-    for (uint32_t e = pattern.offsets[p]; e < pattern.offsets[p + 1]; ++e) sum += std::abs((*values.entries)[e]);
-    values.inverse[p] = 1 / sum;
-  });
-}
-
-SparseRows Multigrid::galerkin(Executor& executor, size_t level) const {
-  const Grid& fine = (*grids_)[level];
-  const uint32_t coarse = fine.down.rows();
-  const SparseRows a{fine.matrix.offsets, fine.matrix.index, *values_[level].entries};
-  return multiplied(executor, fine.down, {}, multiplied(executor, a, values_[level].diagonal, fine.up, coarse), coarse);
-}
-
-// A product has its diagonal among its entries; every node has one.
-void Multigrid::take(size_t level, const SparseRows& product, bool first) {
-  SparseRows beside;
-  Values values;
-  values.diagonal.resize(product.rows());
-  std::vector<float> entries;
-  for (uint32_t p = 0; p < product.rows(); ++p) {
-    for (uint32_t e = product.offsets[p]; e < product.offsets[p + 1]; ++e) {
-      if (product.index[e] == p) {
-        values.diagonal[p] = product.value[e];
-        continue;
-      }
-      if (first) beside.index.push_back(product.index[e]);
-      entries.push_back(product.value[e]);
-    }
-    if (first) beside.offsets.push_back(static_cast<uint32_t>(beside.index.size()));
-  }
-  if (first) (*grids_)[level].matrix = std::move(beside);
-  values.entries = std::make_shared<const std::vector<float>>(std::move(entries));
-  values_.resize(level);
-  values_.push_back(std::move(values));
-}
-
-Multigrid::Multigrid(Executor& executor, const EnergyLanes& lanes, const std::vector<GridPlace>& places,
-                     std::span<const std::array<uint32_t, 2>> edges, std::span<const float> free, std::span<const float> entries,
-                     std::span<const float> diagonal, const std::function<void()>& check)
-    : grids_(std::make_shared<std::vector<Grid>>(1)), coarsest_(std::make_shared<Coarsest>()) {
-  SparseRows& fine = grids_->front().matrix;
-  fine.offsets.assign(places.size() + 1, 0);
-  for (const auto& [a, b] : edges) ++fine.offsets[a + 1], ++fine.offsets[b + 1];
-  for (size_t p = 0; p < places.size(); ++p) fine.offsets[p + 1] += fine.offsets[p];
-  fine.index.resize(2 * edges.size());
-  std::vector<uint32_t> cursor(fine.offsets.begin(), fine.offsets.end() - 1);
-  for (const auto& [a, b] : edges) {
-    fine.index[cursor[a]++] = b;
-    fine.index[cursor[b]++] = a;
-  }
-  set_fine(entries, diagonal);
-  make_inverse(executor, 0);
-
+MultigridGrids::MultigridGrids(Executor& host, const std::vector<GridPlace>& places, std::span<const std::array<uint32_t, 2>> edges,
+                               std::span<const float> free, const std::function<void()>& check)
+    : grids_(1) {
+  grids_[0].matrix = pattern_of(places.size(), edges);
   GridPlace origin{0, 0, 0};
   std::vector<GridPlace> at = places;
   for (int32_t spacing = kGridUnit; at.size() > kCoarsest && spacing < kWidest; spacing *= 2) {
     if (check) check();
-    const size_t level = grids_->size() - 1;
     origin = origin_of_next(places, origin, spacing);
-    CoarseGrid coarse = coarsen(at, grids_->back().matrix, level == 0 ? free : std::span<const float>{}, origin, 2 * spacing);
+    CoarseGrid coarse = coarsen(at, grids_.back().matrix, grids_.size() == 1 ? free : std::span<const float>{}, origin, 2 * spacing);
     if (static_cast<double>(coarse.places.size()) > kWorthAGrid * static_cast<double>(at.size())) continue;
-    grids_->back().up = std::move(coarse.up);
-    grids_->back().down = std::move(coarse.down);
-    grids_->emplace_back();
-    take(level + 1, galerkin(executor, level), true);
-    make_inverse(executor, level + 1);
+    grids_.back().up = std::move(coarse.up);
+    grids_.back().down = std::move(coarse.down);
+    SparseRows pattern = find_products(grids_.back());
+    grids_.emplace_back();
+    grids_.back().matrix = std::move(pattern);
     at = std::move(coarse.places);
   }
-
-  const SparseRows& last = grids_->back().matrix;
-  std::vector<Vec3f> points;
-  for (const GridPlace& p : at) points.push_back({static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])});
-  for (uint32_t p = 0; p < last.rows(); ++p)
-    for (uint32_t e = last.offsets[p]; e < last.offsets[p + 1]; ++e)
-      if (p < last.index[e]) coarsest_->edges.push_back({p, last.index[e]});
-  constexpr uint32_t kLeaf = 32;
-  const Dissection dissection = nested_dissection(points, coarsest_->edges, kLeaf, check);
-  coarsest_->place.resize(points.size());
-  for (uint32_t p = 0; p < points.size(); ++p) coarsest_->place[dissection.order[p]] = p;
-  for (auto& [a, b] : coarsest_->edges) a = coarsest_->place[a], b = coarsest_->place[b];
-  coarsest_->plan = std::make_shared<const FactorPlan>(dissection, coarsest_->edges, check);
-  factor_coarsest(executor, lanes, check);
+  place(host);
 }
 
-void Multigrid::factor_coarsest(Executor& executor, const EnergyLanes& lanes, const std::function<void()>& check) {
-  const SparseRows& pattern = grids_->back().matrix;
-  const Values& values = values_.back();
-  std::vector<float> entries, diagonal(pattern.rows());
-  for (uint32_t p = 0; p < pattern.rows(); ++p) {
-    diagonal[coarsest_->place[p]] = values.diagonal[p] * (1 + kShift);
-    for (uint32_t e = pattern.offsets[p]; e < pattern.offsets[p + 1]; ++e)
-      if (p < pattern.index[e]) entries.push_back((*values.entries)[e]);
-  }
-  factor_ = std::make_shared<const SparseCholesky>(executor, lanes, coarsest_->plan, entries, diagonal, check);
-}
-
-std::unique_ptr<Metric> Multigrid::remade(Executor& executor, const EnergyLanes& lanes, std::span<const float> entries,
-                                          std::span<const float> diagonal, const std::function<void()>& check) const {
-  auto made = std::unique_ptr<Multigrid>(new Multigrid);
-  made->grids_ = grids_;
-  made->coarsest_ = coarsest_;
-  made->set_fine(entries, diagonal);
-  made->make_inverse(executor, 0);
-  for (size_t level = 0; level + 1 < grids_->size(); ++level) {
-    if (check) check();
-    made->take(level + 1, made->galerkin(executor, level), false);
-    made->make_inverse(executor, level + 1);
-  }
-  made->factor_coarsest(executor, lanes, check);
-  return made;
-}
-
-// P^T D P of a coarse grid, vertex by vertex: a vertex's weights there are those of the grids between, multiplied.
-void Multigrid::add_to_coarse(size_t level, std::span<const uint32_t> changed, std::span<const float> by) {
-  struct Weight {
-    uint32_t node;
-    float weight;
+// The patterns of A P and of P^T A P, which is returned without its diagonal, and where the terms of both go.
+SparseRows MultigridGrids::find_products(Grid& fine) {
+  const uint32_t columns = fine.down.rows();
+  const SparseRows &a = fine.matrix, &up = fine.up, &down = fine.down;
+  SparseRows &product = fine.product, coarse;
+  RowUnion row(columns);
+  const auto each_term = [&](uint32_t p, auto&& take) {
+    for (uint32_t g = up.offsets[p]; g < up.offsets[p + 1]; ++g) take(up.index[g]);
+    for (uint32_t e = a.offsets[p]; e < a.offsets[p + 1]; ++e)
+      for (uint32_t g = up.offsets[a.index[e]]; g < up.offsets[a.index[e] + 1]; ++g) take(up.index[g]);
   };
-  auto entries = std::make_shared<std::vector<float>>(*values_[level].entries);
-  std::vector<float>& diagonal = values_[level].diagonal;
-  const SparseRows& pattern = (*grids_)[level].matrix;
-  std::vector<Weight> row, next;
-  for (size_t k = 0; k < changed.size(); ++k) {
-    row.assign(1, {changed[k], 1.0f});
-    for (size_t below = 0; below < level; ++below) {
-      const SparseRows& up = (*grids_)[below].up;
-      next.clear();
-      for (const Weight& w : row)
-        for (uint32_t e = up.offsets[w.node]; e < up.offsets[w.node + 1]; ++e) {
-          const auto met = std::find_if(next.begin(), next.end(), [&](const Weight& n) { return n.node == up.index[e]; });
-          if (met == next.end())
-            next.push_back({up.index[e], w.weight * up.value[e]});
-          else
-            met->weight += w.weight * up.value[e];
-        }
-      row.swap(next);
-    }
-    for (const Weight& a : row) {
-      diagonal[a.node] += by[k] * a.weight * a.weight;
-      const auto begin = pattern.index.begin() + pattern.offsets[a.node], end = pattern.index.begin() + pattern.offsets[a.node + 1];
-      for (const Weight& b : row)
-        if (b.node != a.node)
-          (*entries)[static_cast<size_t>(std::lower_bound(begin, end, b.node) - pattern.index.begin())] += by[k] * (a.weight * b.weight);
-    }
+  fine.product_terms.assign(1, 0);
+  for (uint32_t p = 0; p < a.rows(); ++p, row.open()) {
+    each_term(p, [&](uint32_t c) { row.meet(c); });
+    const std::vector<uint32_t>& met = row.close();
+    product.index.insert(product.index.end(), met.begin(), met.end());
+    product.offsets.push_back(static_cast<uint32_t>(product.index.size()));
+    each_term(p, [&](uint32_t c) { fine.product_places.push_back(as_place(row.place(c))); });
+    fine.product_terms.push_back(static_cast<uint32_t>(fine.product_places.size()));
   }
-  values_[level].entries = std::move(entries);
+  fine.coarse_terms.assign(1, 0);
+  for (uint32_t p = 0; p < columns; ++p, row.open()) {
+    const auto each = [&](auto&& take) {
+      for (uint32_t e = down.offsets[p]; e < down.offsets[p + 1]; ++e)
+        for (uint32_t f = product.offsets[down.index[e]]; f < product.offsets[down.index[e] + 1]; ++f) take(product.index[f]);
+    };
+    each([&](uint32_t c) {
+      if (c != p) row.meet(c);
+    });
+    const std::vector<uint32_t>& met = row.close();
+    coarse.index.insert(coarse.index.end(), met.begin(), met.end());
+    coarse.offsets.push_back(static_cast<uint32_t>(coarse.index.size()));
+    each([&](uint32_t c) { fine.coarse_places.push_back(c == p ? CoarseRow::kOwn : as_place(row.place(c))); });
+    fine.coarse_terms.push_back(static_cast<uint32_t>(fine.coarse_places.size()));
+  }
+  return coarse;
 }
 
-std::unique_ptr<Metric> Multigrid::renewed(Executor& executor, const EnergyLanes& lanes, std::span<const float> diagonal,
-                                           const std::function<void()>& check) const {
-  auto made = std::unique_ptr<Multigrid>(new Multigrid(*this));
-  std::vector<uint32_t> changed;
-  std::vector<float> by;
-  Values& fine = made->values_[0];
-  for (uint32_t p = 0; p < diagonal.size(); ++p) {
-    if (diagonal[p] == fine.diagonal[p]) continue;
-    changed.push_back(p);
-    by.push_back(diagonal[p] - fine.diagonal[p]);
+void MultigridGrids::place(Executor& executor) {
+  levels_.resize(grids_.size());
+  for (size_t k = 0; k < grids_.size(); ++k) {
+    const Grid& grid = grids_[k];
+    MultigridLevel& level = levels_[k];
+    level.size = grid.matrix.rows();
+    level.entries = grid.matrix.index.size();
+    level.a.offsets = placed_(executor, grid.matrix.offsets);
+    level.a.index = placed_(executor, grid.matrix.index);
+    level.up = {placed_(executor, grid.up.offsets), placed_(executor, grid.up.index), placed_(executor, grid.up.value)};
+    level.down = {placed_(executor, grid.down.offsets), placed_(executor, grid.down.index), placed_(executor, grid.down.value)};
+    level.product = placed_(executor, grid.product.offsets);
+    level.product_terms = placed_(executor, grid.product_terms);
+    level.product_places = placed_(executor, grid.product_places);
+    level.coarse_terms = placed_(executor, grid.coarse_terms);
+    level.coarse_places = placed_(executor, grid.coarse_places);
+    level.products = grid.product.index.size();
   }
-  fine.diagonal.assign(diagonal.begin(), diagonal.end());
-  executor.parallel_ranges(levels() - 1, 1, [&](size_t level, size_t) { made->add_to_coarse(level + 1, changed, by); });
-  for (size_t level = 0; level < levels(); ++level) made->make_inverse(executor, level);
-  made->factor_coarsest(executor, lanes, check);
+}
+
+size_t MultigridGrids::work_rows() const {
+  size_t rows = 0;
+  for (size_t k = 0; k < levels_.size(); ++k) rows += (k == 0 ? 2 : 3) * MultigridLevel::padded(levels_[k].size);
+  return rows;
+}
+
+double MultigridGrids::bytes() const {
+  double sum = 16.0 * static_cast<double>(work_rows());
+  for (size_t k = 0; k < grids_.size(); ++k) {
+    const Grid& grid = grids_[k];
+    sum += static_cast<double>(grid.matrix.bytes() + grid.up.bytes() + grid.down.bytes() + grid.product.bytes() + 4 * kBlock * grid.product.index.size());
+    sum += 4.0 * static_cast<double>(grid.product_terms.size() + grid.coarse_terms.size()) + 2.0 * static_cast<double>(grid.product_places.size() + grid.coarse_places.size());
+    sum += 2 * 4.0 * kBlock * static_cast<double>(levels_[k].entries + 2 * levels_[k].size);
+  }
+  return sum;
+}
+
+double MultigridGrids::expected_bytes(size_t vertices, size_t edges) {
+  return 300.0 * static_cast<double>(vertices) + 500.0 * static_cast<double>(edges);
+}
+
+// The power method, from a vector of signs.
+void MultigridGrids::measure(Executor& host, const EnergyLanes& lanes, const Hessian& rest) {
+  const Multigrid metric(host, *this, rest, nullptr);
+  for (size_t k = 0; k < levels_.size(); ++k) {
+    const MultigridLevel& level = metric.levels()[k];
+    const size_t rows = MultigridLevel::padded(level.size);
+    Buffer<Row4> x(rows), y(rows), zero(rows);
+    Row4 *now = x.data_for_write(), *next = y.data_for_write(), *none = zero.data_for_write();
+    std::fill_n(none, rows, Row4{0, 0, 0, 0});
+    std::minstd_rand bits;
+    const auto sign = [&] { return bits() % 2 == 0 ? 1.0f : -1.0f; };
+    for (size_t p = 0; p < level.size; ++p) now[p] = {sign(), sign(), sign(), 0};
+    const auto squares = [&](const Row4* v) {
+      double sum = 0;
+      for (size_t p = 0; p < level.size; ++p) sum += static_cast<double>(dot(to_vec(v[p]), to_vec(v[p])));
+      return sum;
+    };
+    double before = squares(now), largest = 1;
+    for (int step = 0; step < kMeasure && before > 0; ++step) {
+      run_rows(host, level.size, Smooth{level.a, 0, 0, -1, none, now, now, next}, lanes.smooth);
+      const double after = squares(next);
+      largest = std::sqrt(after / before);
+      const float over = after > 0 ? static_cast<float>(1 / std::sqrt(after)) : 0;
+      for (size_t p = 0; p < level.size; ++p) next[p] = to_row(over * to_vec(next[p]));
+      std::swap(now, next);
+      before = squares(now);
+    }
+    levels_[k].largest = std::max(1.0f, kSafety * static_cast<float>(largest));
+  }
+}
+
+namespace {
+
+// P^T A P of a grid, or of a diagonal alone, which is added.
+void make_coarse(Executor& executor, const MultigridLevel& fine, const MultigridLevel& coarse, bool diagonal_only, float* value, float* diagonal) {
+  Buffer<float> product = blocks(executor, fine.products);
+  float* rows = product.data_for_write();
+  parallel_for(executor, fine.size, "multigrid_product_row",
+               ProductRow{fine.a, fine.up, fine.product_terms, fine.product_places, fine.product, rows, diagonal_only}, kRows);
+  parallel_for(executor, coarse.size, "multigrid_coarse_row",
+               CoarseRow{fine.down, fine.product, rows, fine.coarse_terms, fine.coarse_places, coarse.a.offsets, value, diagonal,
+                         diagonal_only ? fine.a.diagonal : nullptr},
+               32);
+}
+
+}  // namespace
+
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, Buffer<float> entries, Buffer<float> diagonal) {
+  Hessian made{std::move(entries), std::move(diagonal), {}, {}};
+  if (grids.levels().size() == 1) return made;
+  MultigridLevel fine = grids.levels()[0];
+  const MultigridLevel& coarse = grids.levels()[1];
+  fine.a.value = made.entries.view(executor.device()).data();
+  fine.a.diagonal = made.diagonal.view(executor.device()).data();
+  made.coarse_entries = blocks(executor, coarse.entries);
+  made.coarse_diagonal = blocks(executor, coarse.size);
+  make_coarse(executor, fine, coarse, false, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write());
   return made;
 }
 
-size_t Multigrid::scratch_floats() const {
-  size_t rows = 0;
-  for (size_t level = 0; level + 1 < levels(); ++level) rows += (level == 0 ? 2 : 3) * padded(size(level));
-  return 4 * (rows + padded(size(levels() - 1)) + factor_->solve_rows()) + factor_->scratch_floats();
+Multigrid::Multigrid(Executor& executor, const MultigridGrids& grids, const Hessian& hessian, const float* added) : levels_(grids.levels()) {
+  const Device device = executor.device();
+  const auto sum = [&](const Buffer<float>& a, const float* b) {
+    Buffer<float> to(a.size(), executor.memory());
+    parallel_for(executor, a.size(), "add_floats", AddFloats{a.view(device).data(), b, to.data_for_write()}, 1 << 14);
+    return to;
+  };
+  values_.resize(levels_.size());
+  for (size_t k = 0; k < levels_.size(); ++k) {
+    Values& values = values_[k];
+    MultigridLevel& level = levels_[k];
+    if (k == 0) {
+      values.entries = hessian.entries;
+      values.diagonal = sum(hessian.diagonal, added);
+    } else {
+      MultigridLevel finer = levels_[k - 1];
+      values.entries = k == 1 ? sum(hessian.coarse_entries, nullptr) : blocks(executor, level.entries);
+      values.diagonal = k == 1 ? sum(hessian.coarse_diagonal, nullptr) : blocks(executor, level.size);
+      if (k == 1) finer.a.diagonal = added;
+      if (k > 1 || added) make_coarse(executor, finer, level, k == 1, values.entries.data_for_write(), values.diagonal.data_for_write());
+    }
+    values.inverse = blocks(executor, level.size);
+    parallel_for(executor, level.size, "multigrid_inverse", InverseOfDiagonal{values.diagonal.view(device).data(), values.inverse.data_for_write()});
+    level.a.value = values.entries.view(device).data();
+    level.a.diagonal = values.diagonal.view(device).data();
+    level.a.inverse = values.inverse.view(device).data();
+  }
+  invert_coarsest(executor);
+}
+
+void Multigrid::invert_coarsest(Executor& executor) {
+  const MultigridLevel& last = levels_.back();
+  if (last.size > kDense) return;
+  const uint32_t n = 3 * last.size;
+  inverse_ = Buffer<double>(size_t{n} * n, executor.memory());
+  Buffer<double> other(inverse_.size(), executor.memory());
+  double *from = inverse_.data_for_write(), *to = other.data_for_write();
+  parallel_for(executor, last.size, "multigrid_dense", DenseRows{last.a, kShift, from, last.size});
+  for (uint32_t k = 0; k < n; ++k) {
+    parallel_for(executor, n, "multigrid_invert", InvertColumn{from, to, n, k});
+    std::swap(from, to);
+  }
+  if (n % 2 == 1) std::swap(inverse_, other);
+}
+
+void Multigrid::solve_coarsest(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const {
+  const MultigridLevel& last = levels_.back();
+  Row4 *now = work, *other = now + MultigridLevel::padded(last.size);
+  if (inverse_)
+    parallel_for(executor, last.size, "multigrid_coarsest", DenseTimes{inverse_.view(executor.device()).data(), last.size, x, now});
+  else
+    smooth_from_zero(executor, lanes, last, kCoarsestDegree, x, now, other);
+  parallel_for(executor, last.size, "copy_quads", CopyQuads{now, x});
 }
 
 // x <- M x, in place.
-void Multigrid::cycle(Executor& executor, const EnergyLanes& lanes, size_t level, Row4* x, Row4* work) const {
-  const Grid& grid = (*grids_)[level];
-  const uint32_t n = grid.size();
-  if (level + 1 == levels()) {
-    for (uint32_t p = 0; p < n; ++p) work[coarsest_->place[p]] = x[p];
-    factor_->solve(executor, lanes, work, &work[factor_->solve_rows()].x);
-    for (uint32_t p = 0; p < n; ++p) x[p] = work[coarsest_->place[p]];
-    return;
-  }
-  Row4 *now = work, *other = now + padded(n), *coarse = other + padded(n);
-  const MatrixRows a = matrix(level);
-  // Step k of the polynomial. A first step knows no x before: x takes its place and the factors make up for it.
-  const auto smooth = [&](int k, bool first, Row4* to) {
-    const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
-    const float by = static_cast<float>(8 * k - 4) / static_cast<float>(2 * k + 1);
-    const float keep = first ? 1 + 2 * again : 1 + again;
-    const Smooth body{a, keep, again, by, x, first ? now : other, now, to};
-    executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { lanes.smooth(body, begin, end); });
-  };
-  parallel_for(executor, n, "multigrid_start", SmoothStart{a.inverse, 4.0f / 3, x, now}, kRows);
-  for (int k = 2; k <= kDegree; ++k) {
-    smooth(k, k == 2, other);
+void Multigrid::cycle(Executor& executor, const EnergyLanes& lanes, size_t k, Row4* x, Row4* work) const {
+  if (k + 1 == levels_.size()) return solve_coarsest(executor, lanes, x, work);
+  const MultigridLevel& level = levels_[k];
+  const uint32_t n = level.size, m = levels_[k + 1].size;
+  Row4 *now = work, *other = now + MultigridLevel::padded(n), *coarse = other + MultigridLevel::padded(n);
+  smooth_from_zero(executor, lanes, level, kDegree, x, now, other);
+  run_rows(executor, n, Residual{level.a, x, now, other}, lanes.residual);
+  parallel_for(executor, m, "multigrid_restrict", Restrict{level.down, other, coarse}, kRows);
+  cycle(executor, lanes, k + 1, coarse, coarse + MultigridLevel::padded(m));
+  parallel_for(executor, n, "multigrid_prolong", Prolong{level.up, coarse, now}, kRows);
+  for (int step = 1; step < kDegree; ++step) {
+    smooth_step(executor, lanes, level, step, step == 1, x, other, now, other);
     std::swap(now, other);
   }
-  const Residual residual{a, x, now, other};
-  executor.parallel_ranges(n, kRows, [&](size_t begin, size_t end) { lanes.residual(residual, begin, end); });
-  const uint32_t m = (*grids_)[level + 1].size();
-  const GridWeights down{grid.down.offsets.data(), grid.down.index.data(), grid.down.value.data()};
-  const GridWeights up{grid.up.offsets.data(), grid.up.index.data(), grid.up.value.data()};
-  parallel_for(executor, m, "multigrid_restrict", Restrict{down, other, coarse}, kRows);
-  cycle(executor, lanes, level + 1, coarse, coarse + padded(m));
-  parallel_for(executor, n, "multigrid_prolong", Prolong{up, coarse, now}, kRows);
-  for (int k = 1; k < kDegree; ++k) {
-    smooth(k, k == 1, other);
-    std::swap(now, other);
-  }
-  smooth(kDegree, kDegree == 1, x);
+  smooth_step(executor, lanes, level, kDegree, kDegree == 1, x, other, now, x);
 }
 
-void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const {
-  cycle(executor, lanes, 0, x, reinterpret_cast<Row4*>(scratch));
-}
-
-double Multigrid::bytes() const {
-  double sum = 0;
-  for (size_t level = 0; level < levels(); ++level) {
-    const Grid& grid = (*grids_)[level];
-    sum += static_cast<double>(grid.matrix.bytes() + grid.up.bytes() + grid.down.bytes());
-    sum += 4.0 * static_cast<double>(values_[level].entries->size() + 2 * values_[level].diagonal.size());
-  }
-  return sum + coarsest_->plan->bytes();
+void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const {
+  cycle(executor, lanes, 0, x, work);
 }
 
 }  // namespace knead

@@ -1,74 +1,98 @@
-// One symmetric multigrid cycle as a metric (kernels/metric.h): where a factor would be too large, or its triangular solves too serial.
+// The metric of the equilibrium's L-BFGS: one symmetric multigrid cycle that applies, nearly, the inverse of a matrix with a block of three by three per edge
+// and per vertex of H (kernels/hessian_body.h, and what pushes there).
 //
-// The grids are of kernels/multigrid_grids.h, the coarse matrices Galerkin's, P^T A P. The smoother is a polynomial in D^-1 A, Chebyshev's of the
-// fourth kind (Lottes 2022), with D the sums of the rows' magnitudes, so that no eigenvalue of D^-1 A is above 1 whatever contacts add, and the cycle
-// is positive definite without an estimate. Memory and time are proportional to the vertices; a diagonal is renewed in proportion to what changes.
+// The grids are of kernels/multigrid_grids.h, the coarse matrices Galerkin's, P^T A P. The smoother is a polynomial in D^-1 A, Chebyshev's of the fourth
+// kind (Lottes 2022), with D the diagonal's blocks. Memory and time are proportional to the vertices. Grids belong to the rest shape; everything else is
+// made where the executor runs, for one shape and what pushes there.
 #pragma once
 #include <array>
-#include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
 
-#include "kernels/metric.h"
 #include "kernels/multigrid_body.h"
 #include "kernels/multigrid_grids.h"
-#include "kernels/sparse_cholesky.h"
+#include "kernels/placed.h"
 
 namespace knead {
 
-class Multigrid : public Metric {
+struct EnergyLanes;
+
+// A grid as a cycle sees it, where the executor runs; the finest first, and the coarsest without `up` and `down`.
+struct MultigridLevel {
+  uint32_t size = 0;
+  MatrixRows a{};
+  GridWeights up{}, down{};  // from and to the next coarser grid
+  size_t entries = 0;        // beside the diagonal
+  const uint32_t *product = nullptr, *product_terms = nullptr, *coarse_terms = nullptr;  // as ProductRow and CoarseRow have them, for the next coarser grid
+  const uint16_t *product_places = nullptr, *coarse_places = nullptr;
+  size_t products = 0;  // blocks of A P
+  float largest = 1;         // eigenvalue of D^-1 A
+  static size_t padded(size_t rows) { return (rows + 15) / 16 * 16; }
+};
+
+struct Hessian;
+
+// What belongs to the rest shape.
+class MultigridGrids {
  public:
-  // Of the matrix with these entries, by edge, and this diagonal. `edges`: lower vertex first, rising. Vertices that are not `free` must have no
-  // entries; they stay at zero when they are zero.
-  Multigrid(Executor& executor, const EnergyLanes& lanes, const std::vector<GridPlace>& places, std::span<const std::array<uint32_t, 2>> edges,
-            std::span<const float> free, std::span<const float> entries, std::span<const float> diagonal, const std::function<void()>& check = {});
+  // `edges`: lower vertex first, rising. Vertices that are not `free` must have no entries; they stay at zero when they are zero.
+  MultigridGrids(Executor& host, const std::vector<GridPlace>& places, std::span<const std::array<uint32_t, 2>> edges, std::span<const float> free,
+                 const std::function<void()>& check = {});
+  // Where `executor` runs: to be called before anything else is made of them.
+  void place(Executor& executor);
 
-  std::unique_ptr<Metric> renewed(Executor& executor, const EnergyLanes& lanes, std::span<const float> diagonal,
-                                  const std::function<void()>& check) const override;
-  std::unique_ptr<Metric> remade(Executor& executor, const EnergyLanes& lanes, std::span<const float> entries, std::span<const float> diagonal,
-                                 const std::function<void()>& check) const override;
-  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, float* scratch) const override;
-  size_t solve_rows() const override { return padded(grids_->front().size()); }
-  size_t scratch_floats() const override;
+  const std::vector<MultigridLevel>& levels() const { return levels_; }  // without values
+  const SparseRows& pattern() const { return grids_.front().matrix; }    // of the finest, beside the diagonal
+  size_t solve_rows() const { return MultigridLevel::padded(levels_.front().size); }
+  size_t work_rows() const;  // what a cycle takes beside
+  double bytes() const;      // of these, of one matrix for all frames and of a frame's own
+  static double expected_bytes(size_t vertices, size_t edges);  // of a body that is thick, roughly: measured
 
-  size_t levels() const { return grids_->size(); }
-  size_t size(size_t level) const { return (*grids_)[level].size(); }
-  double bytes() const;  // without what a solve needs
-  // What a metric of so many vertices and edges takes at most, roughly, with what a solve needs.
-  static double expected_bytes(size_t vertices, size_t edges) { return 400.0 * static_cast<double>(vertices) + 24.0 * static_cast<double>(edges); }
+  // The largest eigenvalues, from the matrix at rest, on the host; without it no cycle is any good.
+  void measure(Executor& host, const EnergyLanes& lanes, const Hessian& rest);
 
  private:
   struct Grid {
     SparseRows matrix;    // which entries there are beside the diagonal; without values
-    SparseRows up, down;  // to and from the next coarser grid; none on the coarsest
-    uint32_t size() const { return matrix.rows(); }
+    SparseRows up, down;  // to and from the next coarser grid; none on the coarsest, as what follows
+    SparseRows product;   // A P
+    std::vector<uint32_t> product_terms, coarse_terms;
+    std::vector<uint16_t> product_places, coarse_places;
   };
-  struct Values {
-    std::shared_ptr<const std::vector<float>> entries;
-    std::vector<float> diagonal, inverse;
-  };
-  struct Coarsest {
-    std::vector<uint32_t> place;  // in the factor's elimination order
-    std::vector<std::array<uint32_t, 2>> edges;
-    std::shared_ptr<const FactorPlan> plan;
-  };
+  static SparseRows find_products(Grid& fine);
+  std::vector<Grid> grids_;  // H's vertices first
+  std::vector<MultigridLevel> levels_;
+  Placed placed_;
+};
 
-  Multigrid() = default;
-  static size_t padded(size_t rows) { return (rows + 15) / 16 * 16; }
-  MatrixRows matrix(size_t level) const;
-  void set_fine(std::span<const float> entries, std::span<const float> diagonal);
-  SparseRows galerkin(Executor& executor, size_t level) const;
-  void take(size_t level, const SparseRows& product, bool first);
-  void make_inverse(Executor& executor, size_t level);
-  void factor_coarsest(Executor& executor, const EnergyLanes& lanes, const std::function<void()>& check);
-  void add_to_coarse(size_t level, std::span<const uint32_t> changed, std::span<const float> by);
+// A matrix without what pushes: on the finest grid, blocks as `pattern` has the entries, and on the next.
+struct Hessian {
+  Buffer<float> entries, diagonal, coarse_entries, coarse_diagonal;
+};
+Hessian make_hessian(Executor& executor, const MultigridGrids& grids, Buffer<float> entries, Buffer<float> diagonal);
+
+class Multigrid {
+ public:
+  // `added`: blocks by vertex that go onto the diagonal, in the executor's memory; may be null. `grids` must stay.
+  Multigrid(Executor& executor, const MultigridGrids& grids, const Hessian& hessian, const float* added);
+
+  // x <- M x. `x` has solve_rows() rows; `work`: work_rows() of them.
+  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const;
+  const std::vector<MultigridLevel>& levels() const { return levels_; }
+
+ private:
+  struct Values {
+    Buffer<float> entries, diagonal, inverse;
+  };
+  void invert_coarsest(Executor& executor);
+  void solve_coarsest(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const;
   void cycle(Executor& executor, const EnergyLanes& lanes, size_t level, Row4* x, Row4* work) const;
 
-  std::shared_ptr<std::vector<Grid>> grids_;  // H's vertices first
-  std::shared_ptr<Coarsest> coarsest_;
-  std::vector<Values> values_;  // by grid
-  std::shared_ptr<const SparseCholesky> factor_;
+  std::vector<Values> values_;
+  std::vector<MultigridLevel> levels_;
+  Buffer<double> inverse_;  // of the coarsest matrix; none where that is large
 };
 
 }  // namespace knead

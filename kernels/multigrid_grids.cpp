@@ -7,7 +7,6 @@ namespace knead {
 namespace {
 
 constexpr int64_t kMiddle = 1 << 20;  // of the 2^21 places that a key tells apart along an axis
-constexpr size_t kRowsPerPiece = 2048, kMostPieces = 64;
 
 uint64_t spread_bits(uint64_t v) {  // 21 bits, two zeros between each and the next
   v = (v | v << 32) & 0x001f00000000ffffu;
@@ -122,55 +121,6 @@ SparseRows transposed(const SparseRows& a, uint32_t columns) {
       to.value[at] = a.value[e];
     }
   return to;
-}
-
-SparseRows multiplied(Executor& executor, const SparseRows& a, std::span<const float> diagonal, const SparseRows& b, uint32_t columns) {
-  struct Piece {
-    std::vector<uint32_t> length, index;
-    std::vector<float> value;
-  };
-  const uint32_t rows = a.rows();
-  const size_t grain = std::max(kRowsPerPiece, (rows + kMostPieces - 1) / kMostPieces);
-  std::vector<Piece> pieces(rows / grain + 1);
-  executor.parallel_ranges(rows, grain, [&](size_t begin, size_t end) {
-    Piece& piece = pieces[begin / grain];
-    std::vector<double> sum(columns, 0);
-    std::vector<char> met(columns, 0);
-    std::vector<uint32_t> found;
-    const auto add = [&](uint32_t from, double by) {
-      for (uint32_t e = b.offsets[from]; e < b.offsets[from + 1]; ++e) {
-        const uint32_t c = b.index[e];
-        if (!met[c]) met[c] = 1, found.push_back(c);
-        sum[c] += by * b.value[e];
-      }
-    };
-    for (size_t r = begin; r < end; ++r) {
-      found.clear();
-      if (!diagonal.empty()) add(static_cast<uint32_t>(r), diagonal[r]);
-      for (uint32_t e = a.offsets[r]; e < a.offsets[r + 1]; ++e) add(a.index[e], a.value[e]);
-      std::sort(found.begin(), found.end());
-      piece.length.push_back(static_cast<uint32_t>(found.size()));
-      for (const uint32_t c : found) {
-        piece.index.push_back(c);
-        piece.value.push_back(static_cast<float>(sum[c]));
-        sum[c] = 0;
-        met[c] = 0;
-      }
-    }
-  });
-  SparseRows result;
-  size_t entries = 0;
-  for (const Piece& piece : pieces) entries += piece.index.size();
-  result.offsets.reserve(size_t{rows} + 1);
-  result.index.reserve(entries);
-  result.value.reserve(entries);
-  for (Piece& piece : pieces) {
-    for (const uint32_t length : piece.length) result.offsets.push_back(result.offsets.back() + length);
-    result.index.insert(result.index.end(), piece.index.begin(), piece.index.end());
-    result.value.insert(result.value.end(), piece.value.begin(), piece.value.end());
-    piece = {};
-  }
-  return result;
 }
 
 CoarseGrid coarsen(const std::vector<GridPlace>& places, const SparseRows& joined, std::span<const float> free, const GridPlace& origin,

@@ -8,8 +8,6 @@
 #include <span>
 #include <vector>
 
-#include "graph/executor.h"
-
 namespace knead {
 
 // Rows of a sparse matrix, one after the other, columns rising.
@@ -21,9 +19,6 @@ struct SparseRows {
 };
 
 SparseRows transposed(const SparseRows& a, uint32_t columns);
-
-// (a + the diagonal) b; `diagonal` may be empty.
-SparseRows multiplied(Executor& executor, const SparseRows& a, std::span<const float> diagonal, const SparseRows& b, uint32_t columns);
 
 using GridPlace = std::array<int32_t, 3>;
 inline constexpr int32_t kGridUnit = 8;  // places count eighths of the finest cell

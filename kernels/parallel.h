@@ -62,7 +62,7 @@ auto reduce_sum(Executor& executor, size_t n, const char* label, const Body& bod
 
 // A reduction that stays where it is made. Its body gives a part for every index, `Sum operator()(uint32_t i) const`, and has `static Sum combine(Sum, Sum)`,
 // for which Sum{} is the identity, and `void finish(const Sum&) const`, which is called once and puts the result, or what is made of it, where the next
-// kernel reads it. A body may bring a faster way for the host, `Sum sum_on_host(Executor&, size_t n) const`.
+// kernel reads it. A body may bring a faster way for the host, `Sum sum_on_host(Executor&, size_t n) const`, or the least indices of a piece there, `kGrain`.
 template <class Body>
 using SumOf = decltype(std::declval<const Body&>()(uint32_t{0}));
 
@@ -70,6 +70,8 @@ template <class Body>
 void reduce_on_host(Executor& executor, size_t n, const Body& body) {
   if constexpr (requires { body.sum_on_host(executor, n); })
     body.finish(body.sum_on_host(executor, n));
+  else if constexpr (requires { Body::kGrain; })
+    body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine, Body::kGrain));
   else
     body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, [](const auto& a, const auto& b) { return Body::combine(a, b); }));
 }

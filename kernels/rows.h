@@ -1,4 +1,5 @@
-// Vectors of the equilibrium solver: a row of four floats per vertex of H, zero to begin with, and what L-BFGS does with them.
+// Vectors of the equilibrium solver: a row of four floats per vertex of H, zero to begin with, in the executor's memory, and what L-BFGS does with them
+// on the host (on a device: kernels/history_body.h).
 #pragma once
 #include <algorithm>
 #include <array>
@@ -6,13 +7,22 @@
 #include "graph/buffer.h"
 #include "graph/executor.h"
 #include "kernels/energy_lanes.h"
+#include "kernels/parallel.h"
 #include "kernels/rows4.h"
 
 namespace knead {
 
+// Storage in the executor's memory, of which every word is `word`.
+template <class T>
+Buffer<T> filled(Executor& executor, size_t n, uint32_t word = 0) {
+  Buffer<T> made(n, executor.memory());
+  parallel_for(executor, made.bytes() / sizeof word, "fill_words", FillWords{reinterpret_cast<uint32_t*>(made.data_for_write()), word}, size_t{1} << 16);
+  return made;
+}
+
 class Rows {
  public:
-  explicit Rows(size_t n) : buffer_(n) { std::fill_n(data(), n, Row4{0, 0, 0, 0}); }
+  Rows(Executor& executor, size_t n) : buffer_(filled<Row4>(executor, n)) {}
   Row4* data() { return buffer_.data_for_write(); }
   float* floats() { return &data()->x; }
 

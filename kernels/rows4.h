@@ -16,6 +16,44 @@ KNEAD_HD Row4 to_row(const Vec3f& v) {
   return {v.x, v.y, v.z, 0};
 }
 
+// A row as one value, in sums.
+#if defined(__CUDACC__)
+struct alignas(16) Quad {
+  float x, y, z, w;
+};
+KNEAD_HD Quad operator+(const Quad& a, const Quad& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z, a.w + b.w};
+}
+KNEAD_HD Quad operator-(const Quad& a, const Quad& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w};
+}
+KNEAD_HD Quad operator*(const Quad& a, float by) {
+  return {a.x * by, a.y * by, a.z * by, a.w * by};
+}
+KNEAD_HD float squared(const Quad& a) {
+  return a.x * a.x + a.y * a.y + a.z * a.z;
+}
+#else
+using Quad = Pack<4>;
+KNEAD_HD float squared(const Quad& a) {
+  return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+}
+#endif
+
+KNEAD_HD Quad quad_at(const Row4* v, uint32_t i) {
+  return *reinterpret_cast<const Quad*>(v + i);
+}
+KNEAD_HD void put_quad(Row4* v, uint32_t i, const Quad& q) {
+  *reinterpret_cast<Quad*>(v + i) = q;
+}
+
+struct FillWords {
+  static constexpr const char* kKernel = "fill_words";
+  uint32_t* to;
+  uint32_t word;
+  KNEAD_HD void operator()(uint32_t i) const { to[i] = word; }
+};
+
 template <class F>
 struct Rows4;
 

@@ -16,6 +16,19 @@ struct PortTraits<PreparedRest> {
   static void each_buffer(PreparedRest&, F&&) {}
 };
 
+// A field that is on a device, where the host can read it.
+struct FieldOnHost {
+  Buffer<std::byte> grid;
+};
+template <>
+struct PortTraits<FieldOnHost> {
+  static constexpr const char* name = "FieldOnHost";
+  template <class F>
+  static void each_buffer(FieldOnHost& v, F&& f) {
+    f(v.grid);
+  }
+};
+
 namespace {
 
 const char* const kManual =
@@ -41,19 +54,18 @@ touch nothing, as bones do.
 
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
-It starts from rest and runs L-BFGS over a metric of the rest shape (Liu, Bouaziz, Kavan 2017), made once and kept: one sparse Cholesky factor, or for an H of
-more than 5,000 vertices, or where the factor would not fit memory_limit, one multigrid cycle (`metric`), in about as many iterations. It ends when the forces
-balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `rounding` (a touch so light that
+It starts from rest and runs L-BFGS over a metric (Liu, Bouaziz, Kavan 2017): one multigrid cycle with the energy's second derivative, kept positive, a block of
+three by three per edge of H. Its grids belong to the rest shape and are made once; the matrix follows the shape and what pushes at iterations 4, 8, 16, 32 and so
+on. It ends when the forces balance to `threshold` of the contact forces, the last step was short and no contact is off: `rest`. Else the report says `rounding` (a touch so light that
 float32 gets it no nearer to balance), `iterations` or `stalled`. What is left of penetration (a few 1e-5 of the diagonal) is taken out by collide_sdf in mode
 project. Where no collider is nearer than the gap, M comes out untouched.
-The same bits for any number of threads.)";
+The same bits for any number of threads.
+
+On a device a descent stays there: after an evaluation of the energy the host reads a few sums. The tables and the grids are made on the host, once, and so is,
+in a frame, the search for the way in.)";
 
 ElasticTerm term_of(const std::string& name) {
   return name == "edges" ? ElasticTerm::kEdges : name == "corotated" ? ElasticTerm::kCorotated : ElasticTerm::kStableNeoHookean;
-}
-
-MetricKind metric_of(const std::string& name) {
-  return name == "factor" ? MetricKind::kFactor : name == "multigrid" ? MetricKind::kMultigrid : MetricKind::kAuto;
 }
 
 class Equilibrium : public Node {
@@ -102,8 +114,6 @@ class Equilibrium : public Node {
                              EquilibriumSettings{}.memory_interval,
                              {.min = 1, .doc = "iterations after which the contact memory is updated in any case"}};
   Param<double> memory_gradient{this, "memory_gradient", EquilibriumSettings{}.memory_gradient, {.min = 0, .doc = "or below this relative gradient"}};
-  Param<std::string> metric{
-      this, "metric", "auto", {.choices = {"auto", "factor", "multigrid"}, .doc = "what the descent is measured with; auto: by the size of H"}};
   Param<double> memory_limit{
       this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose metric takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
@@ -112,6 +122,8 @@ class Equilibrium : public Node {
       this, "report",
                      {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), undecided_colliders, "
                              "enclosed_colliders, least_tet_volume, times"}};
+
+  Runs runs() const override { return Runs::kAnyDevice; }
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
@@ -136,11 +148,17 @@ class Equilibrium : public Node {
     settings.gap = contact_gap();
     settings.friction = friction();
     settings.entry = {entry()[0], entry()[1], entry()[2]};
+    settings.on_host = [&](size_t k) {
+      Sdf field = *colliders[k];  // its grid is the same one in all frames of a rigid motion
+      const Key key = Hasher().add("field on the host").add(field.grid.id()).key();
+      field.grid = context.once(key, [&] { return Value::of(FieldOnHost{context.on_host(field.grid)}); }).as<FieldOnHost>().grid;
+      return field;
+    };
     settings.check_cancelled = [&] { context.check_cancelled(); };
     EquilibriumFigures figures;
     const Buffer<Vec3f> moved = solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures);
     Surface pressed = body;
-    if (moved.id() != mesh.rest.id()) pressed.points = map_to_surface(context.executor(), moved, bound);
+    if (figures.ended != "no contact") pressed.points = map_to_surface(context.executor(), moved, bound);
     context.add_time("elastic", figures.elastic_seconds);
     context.add_time("contact", figures.contact_seconds);
     context.add_time("metric", figures.solve_seconds);
@@ -158,8 +176,7 @@ class Equilibrium : public Node {
         .add(hold())
         .add(keep_volume())
         .add(contact_samples())
-        .add(memory_limit())
-        .add(metric());
+        .add(memory_limit());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {
@@ -170,21 +187,29 @@ class Equilibrium : public Node {
   }
 
   std::shared_ptr<const EquilibriumRest> prepare(Context& context, const TetMesh& mesh, const Lattice& bound) const {
-    const auto paint = [&](const OptionalIn<Weights>& port) { return context.get(port) ? &context.get(port)->values : nullptr; };
     EquilibriumMaterial settings;
     settings.term = term_of(material());
     settings.poisson_ratio = poisson_ratio();
     settings.hold = hold();
     settings.keep_volume = keep_volume();
     settings.contact_samples = contact_samples();
-    settings.metric = metric_of(metric());
     settings.memory_limit = 1e9 * memory_limit();
     settings.check_cancelled = [&] { context.check_cancelled(); };
-    settings.pins = paint(pins);
-    settings.stiffness_weights = paint(stiffness_weights);
-    settings.volume_weights = paint(volume_weights);
-    settings.hold_weights = paint(hold_weights);
-    return prepare_equilibrium(context.executor(), mesh, bound, settings);
+    Buffer<float> painted[4];
+    const auto on_host = [&](const OptionalIn<Weights>& port, Buffer<float>& to) -> const Buffer<float>* {
+      if (!context.get(port)) return nullptr;
+      to = context.on_host(context.get(port)->values);
+      return &to;
+    };
+    settings.pins = on_host(pins, painted[0]);
+    settings.stiffness_weights = on_host(stiffness_weights, painted[1]);
+    settings.volume_weights = on_host(volume_weights, painted[2]);
+    settings.hold_weights = on_host(hold_weights, painted[3]);
+    TetMesh tets_here = mesh;
+    tets_here.rest = context.on_host(mesh.rest);
+    Lattice lattice_here = bound;
+    PortTraits<Lattice>::each_buffer(lattice_here, [&](auto& buffer) { buffer = context.on_host(buffer); });
+    return prepare_equilibrium(context.executor(), tets_here, lattice_here, settings);
   }
 
   static Report describe(const EquilibriumFigures& figures, const RestFigures& rest) {
@@ -206,10 +231,8 @@ class Equilibrium : public Node {
     report.set("elastic_milliseconds", 1e3 * figures.elastic_seconds);
     report.set("contact_milliseconds", 1e3 * figures.contact_seconds);
     report.set("metric_milliseconds", 1e3 * figures.solve_seconds);
-    report.set("metric_renewal_milliseconds", 1e3 * figures.factor_seconds);
-    report.set("metric", rest.metric);
+    report.set("metric_renewal_milliseconds", 1e3 * figures.renewal_seconds);
     report.set("metric_megabytes", 1e-6 * rest.metric_bytes);
-    report.set("order_milliseconds", 1e3 * rest.order_seconds);
     report.set("metric_set_up_milliseconds", 1e3 * rest.metric_seconds);
     report.set("prepare_milliseconds", 1e3 * rest.seconds);
     return report;

@@ -59,18 +59,6 @@ TEST(Equilibrium, ComesToRestOutsideTheColliderWithItsVolumeKept) {
   }
 }
 
-TEST(Equilibrium, EndsAtTheSameShapeWithEitherMetric) {
-  std::vector<Surface> results;
-  for (const char* metric : {"factor", "multigrid"}) {
-    Evaluator evaluator(compile(pressed({{"metric", metric}})));
-    const Report report = evaluator.get<Report>("press.report", 2);
-    EXPECT_EQ(report.word("metric"), metric);
-    EXPECT_EQ(report.word("ended"), "rest") << metric;
-    results.push_back(evaluator.get<Surface>("press.surface", 2));
-  }
-  EXPECT_LT(largest_difference(results[0], results[1]), 2e-3);
-}
-
 TEST(Equilibrium, IsTheSameBitsForAnyNumberOfThreadsAndOrderOfFrames) {
   std::vector<Surface> results;
   for (const int threads : {1, 2}) {

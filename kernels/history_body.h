@@ -1,0 +1,207 @@
+// L-BFGS on a device: the two loops over the remembered pairs (Nocedal 1980) by inner products, so that a direction takes a handful of launches whatever
+// it remembers, and the host no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only s.g, y.r and s.y.
+#pragma once
+#include "kernels/rows4.h"
+
+namespace knead {
+
+struct History {
+  static constexpr uint32_t kMost = 16;  // pairs
+  double sy[kMost][kMost];               // s_i . y_j, of pairs i that are not younger than j
+  double over[kMost];                    // 1 / s.y; 0 of a pair without use
+  double alpha[kMost], factor[kMost];    // of y in q, and of s in the direction
+  double bulk, bulk_over;                // of the enclosed volume's part: its gradient times r, and what that is divided by
+};
+
+// Which pairs there are, oldest first.
+struct Ring {
+  uint32_t pairs, newest;
+  KNEAD_HD uint32_t slot(uint32_t age) const { return (newest + History::kMost - age) % History::kMost; }  // age 0: the newest
+  KNEAD_HD bool has(uint32_t slot) const { return (newest + History::kMost - slot) % History::kMost < pairs; }
+};
+
+struct PairRows {
+  const Row4 *steps, *changes;  // [kMost][rows]
+  size_t rows;
+  KNEAD_HD const Row4* step(uint32_t slot) const { return steps + slot * rows; }
+  KNEAD_HD const Row4* change(uint32_t slot) const { return changes + slot * rows; }
+};
+
+struct HistoryDots {
+  double of[History::kMost] = {};
+  double steps = 0, changes = 0;  // squares of the new pair
+};
+KNEAD_HD HistoryDots added(HistoryDots a, const HistoryDots& b) {
+  for (uint32_t k = 0; k < History::kMost; ++k) a.of[k] += b.of[k];
+  a.steps += b.steps;
+  a.changes += b.changes;
+  return a;
+}
+KNEAD_HD double product(const Row4& a, const Row4& b) {
+  return dot(to_vec(a), to_vec(b));
+}
+
+// Stores the step that was taken and the change of the gradient in the newest slot.
+struct RememberPair {
+  static constexpr const char* kKernel = "remember_pair";
+  PairRows rows;
+  Ring ring;  // with the new pair
+  const Row4 *before, *after, *gradient_before, *gradient_after;
+  Row4 *step, *change;  // the newest slot's
+  History* history;
+
+  KNEAD_HD HistoryDots operator()(uint32_t p) const {
+    const Row4 s = to_row(to_vec(after[p]) - to_vec(before[p])), y = to_row(to_vec(gradient_after[p]) - to_vec(gradient_before[p]));
+    step[p] = s;
+    change[p] = y;
+    HistoryDots dots;
+    for (uint32_t k = 0; k < History::kMost; ++k)
+      if (ring.has(k)) dots.of[k] = product(k == ring.newest ? s : rows.step(k)[p], y);
+    dots.steps = product(s, s);
+    dots.changes = product(y, y);
+    return dots;
+  }
+  static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
+  KNEAD_HD void finish(const HistoryDots& dots) const {
+    for (uint32_t age = 0; age < ring.pairs; ++age) history->sy[ring.slot(age)][ring.newest] = dots.of[ring.slot(age)];
+    const double sy = dots.of[ring.newest];
+    history->over[ring.newest] = sy > 1e-10 * sqrt(dots.steps * dots.changes) ? 1 / sy : 0;
+  }
+};
+
+// The first loop: from the newest pair to the oldest.
+struct FirstLoop {
+  static constexpr const char* kKernel = "history_first";
+  PairRows rows;
+  Ring ring;
+  const Row4* gradient;
+  History* history;
+
+  KNEAD_HD HistoryDots operator()(uint32_t p) const {
+    HistoryDots dots;
+    for (uint32_t k = 0; k < History::kMost; ++k)
+      if (ring.has(k)) dots.of[k] = product(rows.step(k)[p], gradient[p]);
+    return dots;
+  }
+  static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
+  KNEAD_HD void finish(const HistoryDots& dots) const {
+    for (uint32_t age = 0; age < ring.pairs; ++age) {
+      const uint32_t i = ring.slot(age);
+      double along = dots.of[i];
+      for (uint32_t younger = 0; younger < age; ++younger) along -= history->alpha[ring.slot(younger)] * history->sy[i][ring.slot(younger)];
+      history->alpha[i] = along * history->over[i];
+    }
+  }
+};
+
+// q, on which the metric then works.
+struct WithoutChanges {
+  static constexpr const char* kKernel = "history_apply";
+  PairRows rows;
+  Ring ring;
+  const Row4* gradient;
+  const History* history;
+  Row4* q;
+
+  KNEAD_HD void operator()(uint32_t p) const {
+    Quad sum = quad_at(gradient, p);
+    for (uint32_t age = 0; age < ring.pairs; ++age) {
+      const uint32_t i = ring.slot(age);
+      sum = sum - quad_at(rows.change(i), p) * static_cast<float>(history->alpha[i]);
+    }
+    put_quad(q, p, sum);
+  }
+};
+
+// The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950). First what it is divided by, once for a metric.
+struct BulkOver {
+  static constexpr const char* kKernel = "bulk_over";
+  const Row4 *bulk, *solved;
+  double compliance;
+  History* history;
+  KNEAD_HD double operator()(uint32_t p) const { return product(bulk[p], solved[p]); }
+  static KNEAD_HD double combine(double a, double b) { return a + b; }
+  KNEAD_HD void finish(double along) const { history->bulk_over = 1 / (compliance + along); }
+};
+struct BulkAlong {
+  static constexpr const char* kKernel = "bulk_along";
+  const Row4 *bulk, *r;
+  History* history;
+  KNEAD_HD double operator()(uint32_t p) const { return product(bulk[p], r[p]); }
+  static KNEAD_HD double combine(double a, double b) { return a + b; }
+  KNEAD_HD void finish(double along) const { history->bulk = along * history->bulk_over; }
+};
+
+// The second loop: from the oldest pair to the newest. `r` is what the metric made of q, as yet without the volume's part.
+struct SecondLoop {
+  static constexpr const char* kKernel = "history_second";
+  PairRows rows;
+  Ring ring;
+  const Row4* solved;  // of the volume; null: it is not kept
+  float scale;         // of the metric
+  Row4* r;
+  History* history;
+
+  KNEAD_HD HistoryDots operator()(uint32_t p) const {
+    Vec3f at = to_vec(r[p]);
+    if (solved) at -= static_cast<float>(history->bulk) * to_vec(solved[p]);
+    r[p] = to_row(scale * at);
+    HistoryDots dots;
+    for (uint32_t k = 0; k < History::kMost; ++k)
+      if (ring.has(k)) dots.of[k] = product(rows.change(k)[p], r[p]);
+    return dots;
+  }
+  static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
+  KNEAD_HD void finish(const HistoryDots& dots) const {
+    for (uint32_t age = ring.pairs; age-- > 0;) {
+      const uint32_t i = ring.slot(age);
+      double along = dots.of[i];
+      for (uint32_t older = age + 1; older < ring.pairs; ++older) along += history->factor[ring.slot(older)] * history->sy[ring.slot(older)][i];
+      history->factor[i] = history->alpha[i] - along * history->over[i];
+    }
+  }
+};
+
+// The direction, downhill, in the place of r, and how steep it is.
+struct Downhill {
+  static constexpr const char* kKernel = "history_direction";
+  PairRows rows;
+  Ring ring;
+  const History* history;
+  const Row4* gradient;
+  Row4* direction;
+  double* slope;
+
+  KNEAD_HD double operator()(uint32_t p) const {
+    Vec3f sum = to_vec(direction[p]);
+    for (uint32_t age = ring.pairs; age-- > 0;) {
+      const uint32_t i = ring.slot(age);
+      sum += static_cast<float>(history->factor[i]) * to_vec(rows.step(i)[p]);
+    }
+    direction[p] = to_row(-sum);
+    return product(gradient[p], direction[p]);
+  }
+  static KNEAD_HD double combine(double a, double b) { return a + b; }
+  KNEAD_HD void finish(double along) const { *slope = along; }
+};
+
+// to = a + by b
+struct CombineRows {
+  static constexpr const char* kKernel = "combine_rows";
+  Row4* to;
+  const Row4 *a, *b;
+  float by;
+  KNEAD_HD void operator()(uint32_t p) const { put_quad(to, p, quad_at(a, p) + quad_at(b, p) * by); }
+};
+
+// H's positions.
+struct MovedPlaces {
+  static constexpr const char* kKernel = "moved_places";
+  const Vec3f* rest;
+  const Row4* u;
+  const uint32_t* vertex_at;
+  Vec3f* to;
+  KNEAD_HD void operator()(uint32_t p) const { to[vertex_at[p]] = rest[vertex_at[p]] + to_vec(u[p]); }
+};
+
+}  // namespace knead
