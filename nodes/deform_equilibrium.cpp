@@ -40,10 +40,11 @@ parameters:
   friction: {default: 0, doc: "above 0: skin clings to a collider"}
   entry: {default: [0, 0, 0], doc: "the way that the colliders came in, world; zero: told from M at rest"}
   margin: {default: 0, doc: "distance to keep from the colliders, world units"}
-  contact_gap: {default: 1.0e-3, doc: "how far outside a collider its push begins, in diagonals"}
+  contact_gap: {default: 2.0e-3, doc: "how far outside a collider its push begins, in diagonals"}
   contact_samples: {default: 0, doc: "4: points inside the triangles are kept outside too, for a coarse M under a sharp collider"}
   max_iterations: {default: 150, doc: "after which it ends in any case"}
-  threshold: {default: 1.0e-3, doc: "sum of forces over contact forces at rest"}
+  threshold: {default: 3.0e-4, doc: "sum of forces over contact forces at rest"}
+  penetration: {default: 3.0e-5, doc: "largest error of a contact at rest, in diagonals; 1e-4 is quicker and less smooth in time"}
   face_samples: {default: 0, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
 nodes:
   tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, split_pieces: $split_pieces, lattice: $lattice}
@@ -66,6 +67,7 @@ nodes:
     contact_samples: $contact_samples
     max_iterations: $max_iterations
     threshold: $threshold
+    penetration: $penetration
   exact: {type: collide_sdf, mode: project, surface: press.surface, sdf: inputs.sdf, margin: $margin}
   figures:
     type: measure
