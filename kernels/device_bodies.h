@@ -1,8 +1,8 @@
 // Internal: the bodies that devices run, for device_bodies.cu and for builds without CUDA.
 #pragma once
 #include "kernels/collide_body.h"
-#include "kernels/contact_body.h"
 #include "kernels/elastic_body.h"
+#include "kernels/enclosed_volume_body.h"
 #include "kernels/enforce_stiffness_body.h"
 #include "kernels/gather_forces_body.h"
 #include "kernels/history_body.h"

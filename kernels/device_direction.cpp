@@ -32,8 +32,8 @@ void DeviceDirection::renew_bulk(const Metric& metric, const EnergyLanes& lanes,
   reduce(executor_, rest_.places, BulkOver{bulk_.data(), bulk_solved_.data(), contacts.volume_compliance(), history_.data_for_write()});
 }
 
-void DeviceDirection::make(const Ring& ring, const Metric& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope,
-                           float* scratch) {
+void DeviceDirection::make(const Ring& ring, const Metric& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction,
+                           double* slope, float* scratch) {
   const size_t n = rest_.places;
   History* history = history_.data_for_write();
   Row4 *g = gradient.data(), *d = direction.data();
@@ -41,7 +41,7 @@ void DeviceDirection::make(const Ring& ring, const Metric& metric, const EnergyL
   executor_.launch(WithoutChanges{pairs(), ring, g, history, d}, n);
   metric.solve(executor_, lanes, d, scratch);
   if (keeps_volume_) reduce(executor_, n, BulkAlong{bulk_.data(), d, history});
-  reduce(executor_, n, SecondLoop{pairs(), ring, keeps_volume_ ? bulk_solved_.data() : nullptr, scale, d, history});
+  reduce(executor_, n, SecondLoop{pairs(), ring, keeps_volume_ ? bulk_solved_.data() : nullptr, d, history, scale});
   reduce(executor_, n, Downhill{pairs(), ring, history, g, d, slope});
 }
 

@@ -16,7 +16,8 @@ class DeviceDirection {
   // What the enclosed volume adds to `metric`.
   void renew_bulk(const Metric& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, float* scratch);
   // direction <- -(metric of the pairs) gradient; `slope`: their product, in the device's memory.
-  void make(const Ring& ring, const Metric& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope, float* scratch);
+  void make(const Ring& ring, const Metric& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope,
+            float* scratch);
 
  private:
   PairRows pairs();

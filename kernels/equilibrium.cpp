@@ -231,13 +231,13 @@ class Solver {
     if (seen_.elastic.energy < kDeformed * rest_.stiffness) return;
     {
       ScopedTime time(figures_.factor_seconds);
-      std::vector<Row4> on_host(device_ ? rest_.places : 0);
+      std::vector<Row4> here(device_ ? rest_.places : 0);
       if (device_) {
-        executor_.copy(u_.data(), executor_.device(), on_host.data(), Device{}, on_host.size() * sizeof(Row4));
+        executor_.copy(u_.data(), executor_.device(), here.data(), Device{}, here.size() * sizeof(Row4));
         executor_.synchronise();
       }
       std::vector<float> entries, diagonal;
-      rest_.metric_at(device_ ? on_host.data() : u_.data(), entries, diagonal);
+      rest_.metric_at(device_ ? here.data() : u_.data(), entries, diagonal);
       deformed_ = rest_.metric->remade(executor_, lanes_, entries, diagonal, settings_.check_cancelled);
       deformed_diagonal_ = placed_copy(executor_, std::span<const float>(diagonal));
       scale_ = 1;

@@ -121,7 +121,7 @@ void EquilibriumContacts::spread() {
 void EquilibriumContacts::list_samples(const Row4* u) {
   body_.u = u;
   float* slack = slack_.data_for_write();
-  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, skin_, slack});
+  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, slack, skin_});
   if (!on_host()) return;
   list_.clear();
   for (uint32_t s = 0; s < samples(); ++s)
@@ -249,7 +249,7 @@ void EquilibriumContacts::stiffen(float by) {
 void EquilibriumContacts::make_diagonal(const float* without, float share, float* diagonal) const {
   const RestTables& s = rest_.on;
   if (!on_host())
-    return executor_.launch(ContactDiagonal{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, without, share, diagonal}, rest_.places);
+    return executor_.launch(ContactDiagonal{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, without, diagonal, share}, rest_.places);
   std::copy_n(without, rest_.places, diagonal);
   for (const uint32_t i : list_) {
     const float slope = body_.steepness(i);
@@ -266,7 +266,7 @@ void EquilibriumContacts::add_volume() {
   Row4 *now = now_.data_for_write(), *gradient = volume_gradient_.data_for_write();
   parallel_for(executor_, n, "vertex_places", VertexPlaces{body_, now});
   reduce(executor_, n, VolumeGradient{now, rest_.on.fan_offsets, rest_.on.fans, gradient, &sums_->volume});
-  parallel_for(executor_, n, "volume_push", VolumePush{gradient, &sums_->volume, body_.slack, skin_, body_.force});
+  parallel_for(executor_, n, "volume_push", VolumePush{gradient, &sums_->volume, body_.slack, body_.force, skin_});
 }
 
 double EquilibriumContacts::volume_stiffness() const {

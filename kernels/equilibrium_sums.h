@@ -1,7 +1,7 @@
 // What an evaluation of the equilibrium's energy leaves behind, in the executor's memory: on a device the one thing that the host reads back.
 #pragma once
-#include "kernels/contact_body.h"
 #include "kernels/elastic_body.h"
+#include "kernels/enclosed_volume_body.h"
 #include "kernels/gather_forces_body.h"
 
 namespace knead {

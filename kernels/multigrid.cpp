@@ -29,14 +29,14 @@ void smooth_step(Executor& executor, const EnergyLanes& lanes, const MultigridLe
   const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
   const float by = static_cast<float>(8 * k - 4) / static_cast<float>(2 * k + 1);
   const float keep = first ? 1 + 2 * again : 1 + again;
-  run_rows(executor, level.size, Smooth{level.a, keep, again, by, right, first ? now : before, now, to}, lanes.smooth);
+  run_rows(executor, level.size, Smooth{level.a, right, first ? now : before, now, to, keep, again, by}, lanes.smooth);
 }
 
 }  // namespace
 
 void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now,
                       Row4*& other) {
-  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a.inverse, 4.0f / 3, right, now}, kRows);
+  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a.inverse, right, now, 4.0f / 3}, kRows);
   for (int k = 2; k <= degree; ++k) {
     smooth_step(executor, lanes, level, k, k == 2, right, other, now, other);
     std::swap(now, other);

@@ -83,13 +83,14 @@ std::unique_ptr<Metric> DeviceMultigrid::renewed(Executor& executor, const Energ
   Values& fine = made->values_[0];
   fine.entries = values_[0].entries;
   fine.diagonal = Buffer<float>(diagonal.size(), executor.memory());
-  executor.launch(CopyWords{reinterpret_cast<const uint32_t*>(diagonal.data()), reinterpret_cast<uint32_t*>(fine.diagonal.data_for_write())}, diagonal.size());
+  const auto* words = reinterpret_cast<const uint32_t*>(diagonal.data());
+  executor.launch(CopyWords{words, reinterpret_cast<uint32_t*>(fine.diagonal.data_for_write())}, diagonal.size());
   made->make(executor);
   return made;
 }
 
-std::unique_ptr<Metric> DeviceMultigrid::remade(Executor& executor, const EnergyLanes&, std::span<const float> entries, std::span<const float> diagonal,
-                                                const std::function<void()>&) const {
+std::unique_ptr<Metric> DeviceMultigrid::remade(Executor& executor, const EnergyLanes&, std::span<const float> entries,
+                                                std::span<const float> diagonal, const std::function<void()>&) const {
   auto made = std::unique_ptr<DeviceMultigrid>(new DeviceMultigrid);
   made->tables_ = tables_;
   made->values_.resize(1);

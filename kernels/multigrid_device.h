@@ -1,5 +1,5 @@
-// The multigrid cycle of kernels/multigrid.h on a device. The host makes the grids, once, and they are kept there; what belongs to a frame is made where
-// it is used: a renewed diagonal reaches the coarser grids by products over the fixed pattern, and the coarsest matrix is inverted as a dense one.
+// The multigrid cycle of kernels/multigrid.h on a device. The host makes the grids, once, and they are kept there; what belongs to a frame is made
+// where it is used: a renewed diagonal reaches the coarser grids by products over the fixed pattern, and the coarsest matrix is inverted as a dense one.
 #pragma once
 #include "kernels/multigrid.h"
 #include "kernels/placed.h"

@@ -11,8 +11,10 @@
 #include "kernels/energy_lanes.h"
 #include "kernels/equilibrium.h"
 #include "kernels/lattice_map.h"
+#include "kernels/multigrid_device.h"
 #include "kernels/primitives.h"
 #include "kernels/tet_build.h"
+#include "tests/kernels/on_device.h"
 
 namespace knead {
 namespace multigrid_test {
@@ -220,6 +222,83 @@ TEST(Multigrid, IsTheSameBitsForAnyNumberOfThreads) {
   }
   EXPECT_EQ(std::memcmp(results[0].host().data(), results[1].host().data(), results[0].bytes()), 0);
 }
+
+// What the metric on a device makes of `right`.
+Matrix::Vector applied_there(const Metric& metric, Executor& device, const Matrix::Vector& right) {
+  std::vector<Row4> rows(metric.solve_rows(), Row4{0, 0, 0, 0});
+  for (size_t p = 0; p < right.size(); ++p) rows[p] = to_row(to_float(right[p]));
+  Buffer<Row4> x = placed_copy(device, std::span<const Row4>(rows));
+  Buffer<float> scratch(metric.scratch_floats(), device.memory());
+  metric.solve(device, energy_lanes(device), x.data_for_write(), scratch.data_for_write());
+  Matrix::Vector result;
+  const std::vector<Row4> there = on_device::back(device, x);
+  for (size_t p = 0; p < right.size(); ++p) result.push_back(to_double(to_vec(there[p])));
+  return result;
+}
+
+double relative_difference(const Matrix::Vector& a, const Matrix::Vector& b) {
+  double most = 0, apart = 0;
+  for (size_t p = 0; p < a.size(); ++p) most = std::max(most, length(a[p])), apart = std::max(apart, length(a[p] - b[p]));
+  return apart / most;
+}
+
+class MultigridOnDevice : public testing::TestWithParam<const char*> {};
+
+// The same cycle over the same matrices: roundings apart, which the coarsest system amplifies by its condition.
+TEST_P(MultigridOnDevice, IsTheHostsAtRestRenewedAndRemade) {
+  const auto device = on_device::device_named(GetParam());
+  KNEAD_NEEDS(device);
+  for (const bool pinned : {false, true}) {
+    Matrix matrix(sphere(5, 4, 4), pinned);
+    const EnergyLanes& lanes = energy_lanes(*matrix.executor);
+    const auto here = matrix.multigrid(*matrix.executor);
+    ASSERT_GE(here->levels(), 3u);
+    const DeviceMultigrid there(*device, *here);
+    const Matrix::Vector right = matrix.random(3);
+    EXPECT_LT(relative_difference(applied(*here, *matrix.executor, right), applied_there(there, *device, right)), 1e-4);
+    const std::vector<float> contacts = matrix.with_contacts(20);
+    const Buffer<float> far = placed_copy(*device, std::span<const float>(contacts));
+    const auto renewed = here->renewed(*matrix.executor, lanes, contacts, {});
+    const auto renewed_there = there.renewed(*device, lanes, far.view(device->device()), {});
+    EXPECT_LT(relative_difference(applied(*renewed, *matrix.executor, right), applied_there(*renewed_there, *device, right)), 1e-4);
+    EXPECT_GT(relative_difference(applied(*renewed, *matrix.executor, right), applied(*here, *matrix.executor, right)), 0.05) << "contacts must matter";
+    for (float& e : matrix.entries) e *= 0.5f;
+    const auto remade = here->remade(*matrix.executor, lanes, matrix.entries, contacts, {});
+    const auto remade_there = there.remade(*device, lanes, matrix.entries, contacts, {});
+    EXPECT_LT(relative_difference(applied(*remade, *matrix.executor, right), applied_there(*remade_there, *device, right)), 1e-4);
+    EXPECT_GT(relative_difference(applied(*remade, *matrix.executor, right), applied(*renewed, *matrix.executor, right)), 0.05);
+  }
+}
+
+// Many loose bars: the coarsest grid has a node for each, too many for a dense inverse.
+TEST_P(MultigridOnDevice, SmoothsALargeCoarsestGrid) {
+  const auto device = on_device::device_named(GetParam());
+  KNEAD_NEEDS(device);
+  Matrix matrix(TetMesh{});
+  for (int bar = 0; bar < 1200; ++bar)
+    for (int k = 0; k < 3; ++k) {
+      const auto node = static_cast<uint32_t>(matrix.places.size());
+      matrix.places.push_back({8 * k, 1 << (bar % 8), 8 * bar});
+      if (k > 0) matrix.edges.push_back({node - 1, node});
+    }
+  std::sort(matrix.edges.begin(), matrix.edges.end());
+  matrix.free.assign(matrix.places.size(), 1.0f);
+  matrix.entries.assign(matrix.edges.size(), -1.0f);
+  matrix.diagonal.assign(matrix.places.size(), 0.3f);
+  for (const auto& [a, b] : matrix.edges) matrix.diagonal[a] += 1, matrix.diagonal[b] += 1;
+  const auto here = matrix.multigrid(*matrix.executor);
+  ASSERT_GT(here->size(here->levels() - 1), 1000u);
+  const DeviceMultigrid there(*device, *here);
+  Matrix::Vector error = matrix.random(7);
+  const double before = std::sqrt(inner(error, matrix.times(matrix.diagonal, error)));
+  for (int cycle = 0; cycle < 4; ++cycle) {
+    const Matrix::Vector step = applied_there(there, *device, matrix.times(matrix.diagonal, error));
+    for (size_t p = 0; p < error.size(); ++p) error[p] = error[p] - step[p];
+  }
+  EXPECT_LT(std::sqrt(inner(error, matrix.times(matrix.diagonal, error))), 0.05 * before);
+}
+
+INSTANTIATE_TEST_SUITE_P(Devices, MultigridOnDevice, testing::Values("fake", "cuda"), [](const auto& info) { return std::string(info.param); });
 
 // Two bars side by side, closer than any coarse cell, are joined at one end only: what moves them apart must not be lost on coarse grids.
 TEST(Multigrid, KeepsApartWhatHangsTogetherElsewhere) {
