@@ -43,7 +43,7 @@ class Executor {
   // once.
   virtual void run_graph(const std::vector<std::vector<int>>& successors, const std::vector<int>& waits_for, FunctionRef<void(int)> task) = 0;
 
-  // Copies bytes between devices; both ends must be the host or this executor's device. Only the scheduler calls it.
+  // Copies bytes between devices; both ends must be the host or this executor's device. The scheduler calls it, and solvers to decide by.
   virtual void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) = 0;
   virtual void synchronise() {}
 

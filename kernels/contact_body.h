@@ -177,8 +177,9 @@ struct ContactEnergy {
 struct ContactRoom {
   static constexpr const char* kKernel = "contact_list";
   ContactEnergy contact;
-  float skin;
   float* slack;
+  float skin;
+  uint32_t unused = 0;
   KNEAD_HD void operator()(uint32_t s) const {
     slack[s] = contact.room(s, skin);
     if (!(slack[s] < skin)) contact.leave_out(s);
@@ -220,6 +221,7 @@ struct ScaleFloats {
   static constexpr const char* kKernel = "scale_floats";
   float* values;
   float by;
+  uint32_t unused = 0;
   KNEAD_HD void operator()(uint32_t i) const { values[i] *= by; }
 };
 
@@ -309,8 +311,9 @@ struct VolumePush {
   const Row4* gradient;
   const EnclosedVolume* volume;
   const float* slack;
-  float skin;  // from there on a vertex has no push of its own
   Row4* force;
+  float skin;  // from there on a vertex has no push of its own
+  uint32_t unused = 0;
 
   KNEAD_HD void operator()(uint32_t v) const {
     const Vec3f own = slack[v] < skin ? to_vec(force[v]) : Vec3f{0, 0, 0};

@@ -41,7 +41,7 @@ void DeviceDirection::make(const Ring& ring, const Multigrid& metric, const Ener
   executor_.launch(WithoutChanges{pairs(), ring, g, history, d}, n);
   metric.solve(executor_, lanes, d, work);
   if (keeps_volume_) reduce(executor_, n, BulkAlong{bulk_.data(), d, history});
-  reduce(executor_, n, SecondLoop{pairs(), ring, keeps_volume_ ? bulk_solved_.data() : nullptr, scale, d, history});
+  reduce(executor_, n, SecondLoop{pairs(), ring, keeps_volume_ ? bulk_solved_.data() : nullptr, d, history, scale});
   reduce(executor_, n, Downhill{pairs(), ring, history, g, d, slope});
 }
 

@@ -121,7 +121,7 @@ void EquilibriumContacts::spread() {
 void EquilibriumContacts::list_samples(const Row4* u) {
   body_.u = u;
   float* slack = slack_.data_for_write();
-  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, skin_, slack});
+  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, slack, skin_});
   if (!on_host()) return;
   list_.clear();
   for (uint32_t s = 0; s < samples(); ++s)
@@ -262,7 +262,7 @@ void EquilibriumContacts::add_volume() {
   Row4 *now = now_.data_for_write(), *gradient = volume_gradient_.data_for_write();
   parallel_for(executor_, n, "vertex_places", VertexPlaces{body_, now});
   reduce(executor_, n, VolumeGradient{now, rest_.on.fan_offsets, rest_.on.fans, gradient, &sums_->volume});
-  parallel_for(executor_, n, "volume_push", VolumePush{gradient, &sums_->volume, body_.slack, skin_, body_.force});
+  parallel_for(executor_, n, "volume_push", VolumePush{gradient, &sums_->volume, body_.slack, body_.force, skin_});
 }
 
 double EquilibriumContacts::volume_stiffness() const {

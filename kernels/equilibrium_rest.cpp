@@ -198,7 +198,7 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.places = n;
   rest.rows = (n + 15) / 16 * 16;
   rest.device = executor.device();
-  rest.rest = on_host ? tets.rest : placed_copy(executor, tets.rest.host());
+  rest.rest = tets.rest;
   rest.to_local = lattice.to_local;
   rest.surface = lattice.rest;
   rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
@@ -254,6 +254,7 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.grids->measure(host, energy_lanes(host), rest.hessian);
   if (!on_host) {
     rest.grids->place(executor);
+    rest.rest = placed_copy(executor, tets.rest.host());
     rest.place_tables(executor);
     rest.hessian = rest.hessian_at(executor, nullptr);
     executor.synchronise();  // other threads use them
@@ -269,7 +270,7 @@ Hessian EquilibriumRest::hessian_at(Executor& executor, const Row4* u) const {
   Buffer<float> gradients(TetGradients::kFloats * stride, executor.memory()), entries(kBlock * finest.entries, executor.memory()),
       diagonal(kBlock * size_t{places}, executor.memory());
   float* of_tets = gradients.data_for_write();
-  parallel_for(executor, stride, "tet_gradients", TetGradients{u, on.corners, on.shape, on.mu, on.lambda, stride, term, of_tets});
+  parallel_for(executor, stride, "tet_gradients", TetGradients{u, on.corners, on.shape, on.mu, on.lambda, stride, of_tets, term});
   parallel_for(executor, places, "hessian_row",
                HessianRow{of_tets, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, finest.a.offsets, entries.data_for_write(),
                           diagonal.data_for_write()});

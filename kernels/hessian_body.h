@@ -17,8 +17,9 @@ struct TetGradients {
   const uint32_t* corners;  // as ElasticTets has them
   const float *shape, *mu, *lambda;
   size_t stride;
-  ElasticTerm term;
   float* to;  // [tets][kFloats]
+  ElasticTerm term;
+  uint32_t unused = 0;
 
   KNEAD_HD void operator()(uint32_t t) const {
     Vec3f n[4];

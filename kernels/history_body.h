@@ -1,5 +1,5 @@
-// L-BFGS on a device: the two loops over the remembered pairs (Nocedal 1980) by inner products, so that a direction takes a handful of launches whatever
-// it remembers, and the host no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only s.g, y.r and s.y.
+// L-BFGS on a device: the two loops over the remembered pairs (Nocedal 1980) by inner products, so that a direction takes a handful of launches
+// whatever it remembers, and the host no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only s.g, y.r and s.y.
 #pragma once
 #include "kernels/rows4.h"
 
@@ -138,9 +138,10 @@ struct SecondLoop {
   PairRows rows;
   Ring ring;
   const Row4* solved;  // of the volume; null: it is not kept
-  float scale;         // of the metric
   Row4* r;
   History* history;
+  float scale;  // of the metric
+  uint32_t unused = 0;
 
   KNEAD_HD HistoryDots operator()(uint32_t p) const {
     Vec3f at = to_vec(r[p]);
@@ -191,6 +192,7 @@ struct CombineRows {
   Row4* to;
   const Row4 *a, *b;
   float by;
+  uint32_t unused = 0;
   KNEAD_HD void operator()(uint32_t p) const { put_quad(to, p, quad_at(a, p) + quad_at(b, p) * by); }
 };
 

@@ -35,13 +35,13 @@ void smooth_step(Executor& executor, const EnergyLanes& lanes, const MultigridLe
   const float again = k == 1 ? 0 : static_cast<float>(2 * k - 3) / static_cast<float>(2 * k + 1);
   const float by = static_cast<float>(8 * k - 4) / (static_cast<float>(2 * k + 1) * level.largest);
   const float keep = first ? 1 + 2 * again : 1 + again;
-  run_rows(executor, level.size, Smooth{level.a, keep, again, by, right, first ? now : before, now, to}, lanes.smooth);
+  run_rows(executor, level.size, Smooth{level.a, right, first ? now : before, now, to, keep, again, by}, lanes.smooth);
 }
 
 // `degree` steps of the smoother from zero towards A^-1 right; the result is in `now`.
 void smooth_from_zero(Executor& executor, const EnergyLanes& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now,
                       Row4*& other) {
-  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a, 4 / (3 * level.largest), right, now}, kRows);
+  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a, right, now, 4 / (3 * level.largest)}, kRows);
   for (int k = 2; k <= degree; ++k) {
     smooth_step(executor, lanes, level, k, k == 2, right, other, now, other);
     std::swap(now, other);
@@ -216,7 +216,7 @@ void MultigridGrids::measure(Executor& host, const EnergyLanes& lanes, const Hes
     };
     double before = squares(now), largest = 1;
     for (int step = 0; step < kMeasure && before > 0; ++step) {
-      run_rows(host, level.size, Smooth{level.a, 0, 0, -1, none, now, now, next}, lanes.smooth);
+      run_rows(host, level.size, Smooth{level.a, none, now, now, next, 0, 0, -1}, lanes.smooth);
       const double after = squares(next);
       largest = std::sqrt(after / before);
       const float over = after > 0 ? static_cast<float>(1 / std::sqrt(after)) : 0;
