@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "graph/error.h"
+#include "kernels/carry.h"
 #include "kernels/device_direction.h"
 #include "kernels/energy_lanes.h"
 #include "kernels/equilibrium_contacts.h"
@@ -85,19 +86,11 @@ class Solver {
   Buffer<Vec3f> run() {
     const Clock::time_point start = Clock::now();
     Evaluation now = evaluate(u_, gradient_);
-    if (length(settings_.entry) == 0) figures_.enclosed = contacts_.enclosed();
-    if ((now.contact.active > 0 || length(settings_.entry) > 0) && contacts_.find_entries(settings_.entry)) {
-      come_in(now);
-      listed_ = false;
-      now = evaluate(u_, gradient_);
-    }
-    if (now.contact.active == 0 && figures_.iterations == 0) {
+    if (!begin(now) && !begin_at_rest(now)) {
       figures_.ended = "no contact";
       return rest_.rest;
     }
-    if (!metric_) renew_metric();
     descend(now);
-    figures_.undecided = contacts_.undecided();
     figures_.volume = contacts_.volume_error();
     figures_.gradient = relative(now);
     figures_.penetration = now.contact.deepest / rest_.diagonal;
@@ -108,8 +101,83 @@ class Solver {
     return positions();
   }
 
+  // After run, for a solve on another H.
+  EquilibriumState state() {
+    EquilibriumState state;
+    state.undecided = figures_.undecided;
+    state.enclosed = figures_.enclosed;
+    if (figures_.ended == "no contact") return state;
+    std::vector<Row4> u(rest_.places);
+    executor_.copy(u_.data(), executor_.device(), u.data(), Device{}, u.size() * sizeof(Row4));
+    executor_.synchronise();
+    state.moved = Buffer<Vec3f>(u.size());
+    const auto to_local = [&](const Row4& at) { return to_float(rest_.to_local.scale * rest_.to_local.rotate(to_double(to_vec(at)))); };
+    std::transform(u.begin(), u.end(), state.moved.data_for_write(), to_local);
+    state.pressures = contacts_.pressures();
+    state.volume_pressure = contacts_.volume_pressure();
+    return state;
+  }
+
  private:
   size_t floats() const { return 4 * size_t{rest_.rows}; }
+
+  // False when nothing touches.
+  bool begin_at_rest(Evaluation& now) {
+    if (length(settings_.entry) == 0) figures_.enclosed = contacts_.enclosed();
+    if (may_touch(now) && contacts_.find_entries(settings_.entry)) {
+      come_in(now);
+      listed_ = false;
+      now = evaluate(u_, gradient_);
+    }
+    if (now.contact.active == 0 && figures_.iterations == 0) return false;
+    if (!metric_) renew_metric();
+    figures_.undecided = contacts_.undecided();
+    return true;
+  }
+
+  bool may_touch(const Evaluation& at_rest) const { return at_rest.contact.active > 0 || length(settings_.entry) > 0; }
+
+  // Where the solve on another H ended. False when there is none, or when here nothing touches there.
+  bool begin(Evaluation& now) {
+    const EquilibriumState* start = settings_.start;
+    if (!start || !start->moved) return false;
+    if (settings_.friction > 0 && may_touch(now) && contacts_.find_entries(settings_.entry)) contacts_.forget_entries();
+    move_to(carried(*start, *settings_.carry));
+    contacts_.set_pressures(start->pressures.host(), start->volume_pressure);
+    listed_ = false;
+    now = evaluate(u_, gradient_);
+    if (now.contact.active == 0) {
+      move_to(std::vector<Row4>(rest_.places));
+      contacts_.set_pressures({}, 0);
+      listed_ = false;
+      now = evaluate(u_, gradient_);
+      return false;
+    }
+    contacts_.stick();
+    now = balance(u_, gradient_);
+    renew_for_shape();
+    figures_.started = true;
+    figures_.undecided = start->undecided;
+    figures_.enclosed = start->enclosed;
+    return true;
+  }
+
+  std::vector<Row4> carried(const EquilibriumState& start, const CarryTable& carry) const {
+    const Similarity to_cells = rest_.to_local.inverse();
+    const auto moved = start.moved.host();
+    std::vector<Row4> u(rest_.places);
+    for (uint32_t p = 0; p < rest_.places; ++p) {
+      Vec3f sum{0, 0, 0};
+      for (size_t c = 0; c < 4; ++c) sum += carry.weights[p][c] * moved[carry.places[p][c]];
+      u[p] = to_row(rest_.free[p] * to_float(to_cells.scale * to_cells.rotate(to_double(sum))));
+    }
+    return u;
+  }
+
+  void move_to(const std::vector<Row4>& u) {
+    executor_.copy(u.data(), Device{}, u_.data(), executor_.device(), u.size() * sizeof(Row4));
+    executor_.synchronise();
+  }
 
   EquilibriumSums& sums() { return *sums_.data_for_write(); }  // in the executor's memory
 
@@ -442,12 +510,17 @@ const EnergyLanes& energy_lanes(const Executor& executor) {
 }
 
 Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
-                                const EquilibriumSettings& settings, EquilibriumFigures& figures) {
+                                const EquilibriumSettings& settings, EquilibriumFigures& figures, EquilibriumState* end) {
   figures = {};
   if (rest.device != executor.device())
     throw Error(ErrorCode::kDevice, "equilibrium: the rest shape was prepared for " + rest.device.text() + ", not for " + executor.device().text(),
                 "prepare it with the executor that solves");
-  return Solver(executor, rest, placement, colliders, settings, figures).run();
+  if (settings.start && settings.start->moved && (!settings.carry || settings.carry->size() != rest.places))
+    throw Error(ErrorCode::kInternal, "equilibrium: a start without the way from its H to this one", "make it with make_carry");
+  Solver solver(executor, rest, placement, colliders, settings, figures);
+  Buffer<Vec3f> moved = solver.run();
+  if (end) *end = solver.state();
+  return moved;
 }
 
 }  // namespace knead

@@ -43,6 +43,31 @@ struct RestFigures {
 };
 const RestFigures& figures_of(const EquilibriumRest& rest);
 
+struct CarryTable;  // kernels/carry.h
+
+// Where a solve ended, in what does not depend on its H, for one on another H of the same M to start from. In the host's memory.
+struct EquilibriumState {
+  std::shared_ptr<const EquilibriumRest> rest;  // of the H that it is of
+  Key key;                                      // of that
+  uint64_t surface = 0;                         // M's points
+  Buffer<Vec3f> moved;                          // by place of that rest: displacements, M's local space; none where nothing touched
+  Buffer<float> pressures;                      // [colliders][samples] of contacts, over the body's stiffness
+  double volume_pressure = 0;                   // of the enclosed volume's memory, likewise
+  size_t undecided = 0, enclosed = 0;
+};
+template <>
+struct PortTraits<EquilibriumState> {
+  static constexpr const char* name = "EquilibriumState";
+  template <class F>
+  static void each_buffer(EquilibriumState& v, F&& f) {
+    f(v.moved);
+    f(v.pressures);
+  }
+  template <class F>
+  static void each_device_buffer(EquilibriumState&, F&&) {}
+  static void hash(const EquilibriumState& v, Hasher& hasher) { hasher.add(v.key).add(v.volume_pressure); }
+};
+
 struct EquilibriumSettings {
   int max_iterations = 150;       // beside those of the way in
   double gradient = 3e-4;         // at rest when the sum of forces is below this part of the contact forces,
@@ -55,6 +80,8 @@ struct EquilibriumSettings {
   double memory_gradient = 0.03;  // or when the relative gradient is below this
   double margin = 0;              // M's local units
   Vec3d entry{0, 0, 0};           // the way that the colliders came in, world; zero: told from the rest shape
+  const EquilibriumState* start = nullptr;  // null: rest. Contacts begin with its pushes when it has as many colliders and samples,
+  const CarryTable* carry = nullptr;        // from its H to this one; then no collider needs a way in
   // On a device: collider k where the host can read it, to find where it came in; asked for only when it touches M at rest.
   std::function<Sdf(size_t)> on_host;
   std::function<void()> check_cancelled;
@@ -70,6 +97,7 @@ struct EquilibriumFigures {
   double gradient = 0;      // relative to the contact forces
   double step = 0;          // the last one's largest displacement over M's diagonal
   double penetration = 0;   // of M's samples over its diagonal, in the fields' own interpolant
+  bool started = false;     // from settings.start
   double least_volume = 1;  // smallest V / V0 of a tet
   double energy = 0;
   double volume = 0;  // error of the enclosed volume, relative; 0 when it is not kept
@@ -77,10 +105,10 @@ struct EquilibriumFigures {
   double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, renewal_seconds = 0, seconds = 0;
 };
 
-// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. Starts from rest. `rest` is
-// for the same executor. On a device the host reads back one EquilibriumSums an evaluation, and beside that only what it needs to find where colliders
+// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. `rest` is for the
+// same executor. `end`, unless null, is given what the result is (all but its key and surface). On a device the host reads back one EquilibriumSums an evaluation, and beside that only what it needs to find where colliders
 // came in, and H where the metric is remade for a deformed body; parts of the times are those of launches there. Throws Error(kInput) as collide_push does.
 Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
-                                const EquilibriumSettings& settings, EquilibriumFigures& figures);
+                                const EquilibriumSettings& settings, EquilibriumFigures& figures, EquilibriumState* end = nullptr);
 
 }  // namespace knead

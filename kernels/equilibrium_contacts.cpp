@@ -17,6 +17,7 @@ constexpr double kGapPressure = 0.5;  // up to which a contact keeps some of its
 constexpr float kMostOfBand = 0.5f;    // of a field's outside band that the gap may take
 constexpr size_t kFewSamples = ContactEnergy::kGrain;
 constexpr double kDeep = 2.1;          // a way in that is so many times as long as the nearest way out of what is deepest is gone step by step
+constexpr float kNearby = 0.2f;       // cells: samples as near to a collider as this share a state's pushes
 constexpr double kOneSide = 0.3;    // of their area: how far the samples inside a collider must agree on the way in
 
 }  // namespace
@@ -150,6 +151,7 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
   exits_ = filled<float>(executor_, body_.count * s.size(), kNone);
   const std::vector<float> distances = this->distances();
   std::vector<WayIn> ways(body_.count);
+  undecided_ = 0;
   if (rest_.surface.topology) {
     Executor& host = on_host() ? executor_ : stand_in();
     std::vector<Sdf> fields;
@@ -232,6 +234,47 @@ void EquilibriumContacts::stand_back(double share) {
     view.offset = CollidePush::to_index(view, -shift);
     view.centre += shift;
   }
+}
+
+void EquilibriumContacts::set_pressures(std::span<const float> contacts, double volume) {
+  std::vector<float> memory(body_.count * samples(), 0.0f);
+  if (contacts.size() == memory.size()) std::transform(contacts.begin(), contacts.end(), memory.begin(), [&](float p) { return p / body_.stiffness; });
+  const double volume_memory = volume / volume_stiffness();
+  executor_.copy(memory.data(), Device{}, memory_.data_for_write(), executor_.device(), memory.size() * sizeof(float));
+  executor_.copy(&volume_memory, Device{}, &sums_->volume.memory, executor_.device(), sizeof volume_memory);
+  executor_.synchronise();
+}
+
+// A coarse H holds the surface by few of its samples, which others take over on a finer one. So each vertex of H shares what acts on it out among the samples
+// near the collider, by area: the same force, as smooth as H is.
+Buffer<float> EquilibriumContacts::pressures() const {
+  const SampleTable& s = rest_.samples;
+  const std::vector<float> memory = read(body_.memory, body_.count * samples()), distances = this->distances();
+  Buffer<float> pressures(memory.size());
+  float* pressure = pressures.data_for_write();
+  for (uint32_t k = 0; k < body_.count; ++k) {
+    std::vector<double> force(rest_.places, 0), area(rest_.places, 0);
+    const float *lambda = memory.data() + k * s.size(), *phi = distances.data() + k * s.size();
+    const auto is_near = [&](size_t i) { return lambda[i] > 0 || phi[i] < kNearby; };
+    const auto each_place = [&](size_t i, auto&& f) {
+      for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e) f(s.indices[e], static_cast<double>(s.weights[e]));
+    };
+    for (size_t i = 0; i < s.size(); ++i) {
+      if (!is_near(i)) continue;
+      const double push = body_.stiffness * body_.push_of(lambda[i] - phi[i]).push;
+      each_place(i, [&](uint32_t p, double w) { force[p] += w * s.area[i] * push, area[p] += w * s.area[i]; });
+    }
+    for (size_t i = 0; i < s.size(); ++i) {
+      double sum = 0;
+      if (is_near(i)) each_place(i, [&](uint32_t p, double w) { sum += area[p] > 0 ? w * force[p] / area[p] : 0; });
+      pressure[k * s.size() + i] = static_cast<float>(std::max(0.0, sum));
+    }
+  }
+  return pressures;
+}
+
+void EquilibriumContacts::stick() {
+  if (body_.friction > 0) parallel_for(executor_, body_.count * samples(), "copy_quads", CopyQuads{body_.normal, stuck_.data_for_write()});
 }
 
 void EquilibriumContacts::update_memory() {

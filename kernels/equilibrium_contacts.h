@@ -38,6 +38,12 @@ class EquilibriumContacts {
   bool by_entries() const { return body_.exits != nullptr; }
   void forget_entries() { body_.exits = nullptr; }
 
+  // Pushes to begin with, and those of now: EquilibriumState has them so. To begin with friction, find_entries at rest, then stick where samples are pushed.
+  void set_pressures(std::span<const float> contacts, double volume);
+  Buffer<float> pressures() const;  // after evaluate
+  double volume_pressure() const { return seen_.volume.stiffness * (seen_.volume.memory + seen_.volume.error); }
+  void stick();
+
   // lambda <- max(0, lambda - phi) after evaluate; the same for the volume.
   void update_memory();
   // Stiffer contacts under the same forces.

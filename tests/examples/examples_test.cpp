@@ -89,6 +89,21 @@ TEST(ExampleCrush, RecoversItsVolumeWithoutInvertedTets) {
   }
 }
 
+TEST(ExampleCascade, ComesToRestFromACoarseStart) {
+  Evaluator evaluator(plan_of("crush/cascade.yaml"));
+  const auto results = run(evaluator, {6, 12}, {"figures.report"});
+  for (const FrameResult& result : results) {
+    ASSERT_FALSE(result.error) << result.error->what();
+    const Report& report = report_of(result, "figures.report");
+    EXPECT_EQ(report.word("started"), "state") << result.frame;
+    EXPECT_EQ(report.word("ended"), "rest") << result.frame;
+    EXPECT_LE(report.number("iterations"), 40) << result.frame;
+    EXPECT_LT(std::fabs(report.number("volume_error")), 1e-3) << result.frame;
+    EXPECT_EQ(report.number("inverted_tets"), 0) << result.frame;
+    EXPECT_LE(report.number("penetration_max_relative"), kDeepestAllowed) << result.frame;
+  }
+}
+
 TEST(ExampleSdfPipeline, PushesABodyThroughARingFromAVdbFile) {
   Evaluator evaluator(plan_of("sdf_pipeline/sdf_pipeline.yaml"));
   const auto results = run(evaluator, {1, 16, 24}, {"press.report", "press.surface"});

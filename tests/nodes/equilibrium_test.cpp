@@ -146,6 +146,78 @@ TEST(Equilibrium, NamesASurfaceThatTheLatticeDoesNotBind) {
   EXPECT_THROW(evaluator.get<Surface>("press.surface", 2), Error);
 }
 
+// The same press on a finer H, `direct` and from where a coarse one came to rest.
+GraphSpec cascade(Literal::Map more = {}) {
+  GraphSpec graph = pressed(more);
+  graph.add("fine", "build_tets", {{"surface", "body"}, {"max_depth", 6}, {"max_vertices", 1}});
+  Literal::Map direct{{"surface", "body"}, {"sdf", "solid"}, {"tets", "fine"}, {"lattice", "fine.lattice"}};
+  direct.insert(direct.end(), more.begin(), more.end());
+  Literal::Map from_coarse = direct;
+  from_coarse.push_back({"start", "press.state"});
+  return graph.add("direct", "equilibrium", std::move(direct)).add("cascade", "equilibrium", std::move(from_coarse));
+}
+
+TEST(EquilibriumCascade, EndsAtTheSameShapeInFewerIterations) {
+  for (const int frame : {2, 3})
+    for (const double friction : {0.0, 0.3}) {
+      Evaluator evaluator(compile(cascade({{"friction", friction}})));
+      const Report direct = evaluator.get<Report>("direct.report", frame), from_coarse = evaluator.get<Report>("cascade.report", frame);
+      EXPECT_EQ(direct.word("started"), "rest");
+      EXPECT_EQ(from_coarse.word("started"), "state");
+      EXPECT_EQ(from_coarse.word("ended"), "rest");
+      EXPECT_EQ(from_coarse.number("way_in_iterations"), 0);
+      EXPECT_LT(from_coarse.number("iterations"), 0.8 * direct.number("iterations")) << "frame " << frame << ", friction " << friction;
+      const double off = largest_difference(evaluator.get<Surface>("direct.surface", frame), evaluator.get<Surface>("cascade.surface", frame));
+      EXPECT_LT(off, friction > 0 ? 2e-2 : 1e-3) << "frame " << frame << ": the dent is 0.3 deep; what skin clings to depends on the way there";
+    }
+}
+
+TEST(EquilibriumCascade, LeavesASurfaceWithoutContactUntouched) {
+  Evaluator evaluator(compile(cascade()));
+  EXPECT_EQ(evaluator.get<Report>("cascade.report", 1).word("ended"), "no contact");
+  const auto body = evaluator.get<Surface>("body", 1), result = evaluator.get<Surface>("cascade.surface", 1);
+  EXPECT_EQ(std::memcmp(body.points.host().data(), result.points.host().data(), body.points.bytes()), 0);
+}
+
+TEST(EquilibriumCascade, IsTheSameBitsForAnyNumberOfThreadsAndOrderOfFrames) {
+  std::vector<Surface> results;
+  for (const int threads : {1, 2, 3}) {
+    const auto executor = make_cpu_executor(threads);
+    EvaluatorOptions options;
+    options.executor = executor.get();
+    Evaluator evaluator(compile(cascade()), options);
+    if (threads != 1) evaluator.get<Surface>("cascade.surface", threads == 2 ? 3 : 1);
+    results.push_back(evaluator.get<Surface>("cascade.surface", 2));
+  }
+  for (const Surface& result : results)
+    EXPECT_EQ(std::memcmp(results[0].points.host().data(), result.points.host().data(), result.points.bytes()), 0);
+}
+
+TEST(EquilibriumCascade, StartsFromAStateWithOtherContactSamples) {
+  GraphSpec graph = cascade();
+  graph.add("sampled", "equilibrium",
+            {{"surface", "body"}, {"sdf", "solid"}, {"tets", "fine"}, {"lattice", "fine.lattice"}, {"start", "press.state"}, {"contact_samples", 2}});
+  const Report report = Evaluator(compile(graph)).get<Report>("sampled.report", 2);
+  EXPECT_EQ(report.word("started"), "state");
+  EXPECT_EQ(report.word("ended"), "rest");
+}
+
+TEST(EquilibriumCascade, RefusesTheStateOfAnotherSurface) {
+  GraphSpec graph = cascade();
+  graph.add("other_shape", "primitive", {{"shape", "sphere"}, {"radius", 0.9}, {"resolution", 3}})
+      .add("other_tets", "build_tets", {{"surface", "other_shape"}, {"max_depth", 3}})
+      .add("other", "equilibrium",
+           {{"surface", "other_shape"}, {"sdf", "solid"}, {"tets", "other_tets"}, {"lattice", "other_tets.lattice"}, {"start", "press.state"}});
+  Evaluator evaluator(compile(graph));
+  try {
+    evaluator.get<Surface>("other.surface", 2);
+    FAIL() << "it started from the state of another surface";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::kInput);
+    EXPECT_THAT(error.what(), testing::HasSubstr("another surface"));
+  }
+}
+
 // The one-node form is the same as its parts by hand.
 TEST(Equilibrium, IsOneNodeToo) {
   GraphSpec graph = pressed();
