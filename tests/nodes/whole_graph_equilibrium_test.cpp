@@ -118,6 +118,27 @@ TEST_P(WholeGraphEquilibrium, FramesSideBySideAreThoseOneByOne) {
   EXPECT_EQ(frames, 4);
 }
 
+// A fine H that starts from the state of a coarse one, which passes through the host.
+TEST_P(WholeGraphEquilibrium, StartsFromAnotherH) {
+  std::string text = kPress;
+  text.replace(text.find("  press:"), 0,
+               "  coarse: {type: build_tets, surface: body, max_depth: 3}\n"
+               "  first: {type: equilibrium, surface: body, sdf: [thumb_sdf, ball_sdf], tets: coarse, lattice: coarse.lattice, pins: pins}\n");
+  text.replace(text.find("pins: pins}\n  exact"), 10, "pins: pins, start: first.state");
+  const auto cpu = make_cpu_executor(2);
+  Results results[2];
+  for (Executor* executor : {cpu.get(), device_.get()}) {
+    Evaluator evaluator(compile(read_graph_text(text.c_str(), "scene.yaml"), graph_file_options()), OnExecutor::options(*executor));
+    const FrameResult result = evaluator.evaluate(4, {"exact.surface", "press.points", "press.report"});
+    ASSERT_FALSE(result.error) << result.error->what();
+    results[executor == device_.get()] = {result.values.at("exact.surface").as<Surface>(), result.values.at("press.points").as<Points>().values,
+                                          result.values.at("press.report").as<Report>()};
+  }
+  for (const Results& result : results) EXPECT_EQ(result.report.word("started"), "state");
+  EXPECT_EQ(results[1].report.word("ended"), results[0].report.word("ended"));
+  EXPECT_LT(apart(results[0].surface.points, results[1].surface.points) / results[0].surface.diagonal(), 1e-4);
+}
+
 INSTANTIATE_TEST_SUITE_P(Devices, WholeGraphEquilibrium, testing::Values("fake", "cuda"), [](const auto& info) { return std::string(info.param); });
 
 }  // namespace whole_graph_equilibrium_test
