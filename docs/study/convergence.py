@@ -228,7 +228,7 @@ def study_smooth(study, frames=13):
     bodies = {"ball": ({"type": "primitive", "shape": "sphere", "radius": 1}, into_ball), "nose": ({"type": "primitive", "shape": "head"}, over_nose)}
     tight = {"threshold": 1e-5, "displacement": 1e-6, "penetration": 1e-5, "max_iterations": 400}
     kinds = {"loop": ("the paper's loop, at its stopping rule", {}), "gap_0": ("equilibrium, contact_gap 0", {"contact_gap": 0}),
-             "gap_1": ("equilibrium (contact_gap 1e-3)", {}), "gap_2": ("equilibrium, contact_gap 2e-3", {"contact_gap": 2e-3}),
+             "gap_1": ("equilibrium, contact_gap 1e-3", {"contact_gap": 1e-3}), "gap_2": ("equilibrium (contact_gap 2e-3)", {}),
              "tight_1": ("equilibrium, tight", tight),
              "corotated": ("equilibrium, corotated", {"material": "corotated"}), "edges": ("equilibrium, edges", {"material": "edges"})}
     result = {}
@@ -259,13 +259,13 @@ def study_smooth(study, frames=13):
 def study_depth(study):
     """On finer bodies than the examples', and with cells split down to single vertices: else there would be nothing to make H finer for."""
     result = {}
-    for make, resolution, depths in ((head_scene, 60, (4, 5, 6, 7)), (crush_scene, 5, (4, 5))):
+    for make, resolution, depths in ((head_scene, 60, (4, 5, 6, 7)), (crush_scene, 5, (4, 5, 6))):
         shapes, rows = {}, {}
         for depth in depths:
             scene = make(depth=depth, resolution=resolution)
             nodes = scene.graph(max_vertices=1)
             scene.equilibrium(nodes, "eq", max_iterations=300)
-            scene.equilibrium(nodes, "gradient", displacement=1, penetration=1, max_iterations=300)
+            scene.equilibrium(nodes, "gradient", threshold=1e-3, displacement=1, penetration=1, max_iterations=300)
             if depth < 7:
                 scene.loop(nodes, "loop", 250, threshold=1e-4)
             nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
@@ -337,7 +337,7 @@ def plot_distance(results, path):
 
 def plot_smooth(results, path):
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.2), sharey=True, constrained_layout=True)
-    shown = {"the paper's loop, at its stopping rule": RED[0], "equilibrium, contact_gap 0": "#7fa8d6", "equilibrium (contact_gap 1e-3)": BLUE,
+    shown = {"the paper's loop, at its stopping rule": RED[0], "equilibrium, contact_gap 0": "#7fa8d6", "equilibrium (contact_gap 2e-3)": BLUE,
              "equilibrium, contact_gap 2e-3": "#0b2f5c", "equilibrium, tight": "#55a868"}
     for axis, (name, series) in zip(axes, results.items()):
         for title, colour in shown.items():
