@@ -338,7 +338,7 @@ def plot_distance(results, path):
 def plot_smooth(results, path):
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.2), sharey=True, constrained_layout=True)
     shown = {"the paper's loop, at its stopping rule": RED[0], "equilibrium, contact_gap 0": "#7fa8d6", "equilibrium (contact_gap 2e-3)": BLUE,
-             "equilibrium, contact_gap 2e-3": "#0b2f5c", "equilibrium, tight": "#55a868"}
+             "equilibrium, contact_gap 1e-3": "#0b2f5c", "equilibrium, tight": "#55a868"}
     for axis, (name, series) in zip(axes, results.items()):
         for title, colour in shown.items():
             axis.semilogy(series[title]["frames"], np.maximum(series[title]["raw"], 1e-4), color=colour, lw=1.2, label=title)
