@@ -299,6 +299,7 @@ class Solver {
       ScopedTime time(figures_.renewal_seconds);
       deformed_ = rest_.hessian_at(executor_, u_.data());
       scale_ = 1;
+      pairs_ = 0;  // they tell of a body that was far from this one
     }
     renew_metric();
   }
