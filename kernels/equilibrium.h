@@ -105,9 +105,10 @@ struct EquilibriumFigures {
   double elastic_seconds = 0, contact_seconds = 0, solve_seconds = 0, renewal_seconds = 0, seconds = 0;
 };
 
-// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. `rest` is for the
-// same executor. `end`, unless null, is given what the result is (all but its key and surface). On a device the host reads back one EquilibriumSums an evaluation, and beside that only what it needs to find where colliders
-// came in, and H where the metric is remade for a deformed body; parts of the times are those of launches there. Throws Error(kInput) as collide_push does.
+// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. `rest` is for the same
+// executor. `end`, unless null, is given what the result is (all but its key and surface). On a device the host reads back one EquilibriumSums an
+// evaluation, and beside that only what it needs to find where colliders came in, and `end`; parts of the times are those of launches there. Throws
+// Error(kInput) as collide_push does.
 Buffer<Vec3f> solve_equilibrium(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
                                 const EquilibriumSettings& settings, EquilibriumFigures& figures, EquilibriumState* end = nullptr);
 

@@ -148,6 +148,9 @@ class Equilibrium : public Node {
   Out<EquilibriumState> state{this, "state", {.doc = "where it ended, for the start of one with a finer H"}};
 
   Runs runs() const override { return Runs::kAnyDevice; }
+  std::string what_became_of(const std::string& member) const override {
+    return member == "metric" ? "there is one metric now, for any size: leave it out" : std::string{};
+  }
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);

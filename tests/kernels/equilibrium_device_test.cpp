@@ -1,5 +1,5 @@
-// The equilibrium on devices, against the cpu executor with the same metric. Both descend the same energy; they differ by the order of sums and, on
-// the coarsest grid, by a dense inverse in place of a factor, so by roundings, which a descent does not add up: it ends where the forces balance.
+// The equilibrium on devices, against the cpu executor. Both descend the same energy by the same bodies; they differ by the order of sums, so by roundings,
+// which a descent does not add up: it ends where the forces balance.
 #include <gtest/gtest.h>
 
 #include <algorithm>

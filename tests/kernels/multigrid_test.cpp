@@ -354,7 +354,7 @@ TEST(Multigrid, LetsTheEquilibriumConvergeWhateverPoissonsRatio) {
     EquilibriumFigures figures;
     pressed.by(poisson, figures);
     EXPECT_EQ(figures.ended, "rest") << poisson;
-    EXPECT_LT(figures.iterations, 130) << poisson;
+    EXPECT_LT(figures.iterations, 60) << poisson;
   }
 }
 
