@@ -16,6 +16,7 @@ struct ContactSum {
   float deepest = 0;    // penetration, cells
   float change = 0;     // the largest change of a memory that an update would make, cells
   uint32_t active = 0;  // constraints that push
+  float squares = 0, area = 0;  // of these changes, weighted with their samples' areas, and those areas; cells^4 and cells^2
 };
 
 struct ContactEnergy {
@@ -136,6 +137,10 @@ struct ContactEnergy {
       const Push next = push_of(lambda - phi);
       const float change = next.push > lambda ? next.push - lambda : lambda - next.push;
       sum.change = change > sum.change ? change : sum.change;
+      if (next.push > 0 || lambda > 0) {
+        sum.squares += area[s] * change * change;
+        sum.area += area[s];
+      }
       sum.deepest = -phi > sum.deepest ? -phi : sum.deepest;
       if (next.push > 0) {
         const float pull = stiffness * area[s] * next.push;
@@ -155,7 +160,8 @@ struct ContactEnergy {
     return sum;
   }
   static KNEAD_HD ContactSum combine(const ContactSum& a, const ContactSum& b) {
-    return {a.energy + b.energy, a.deepest < b.deepest ? b.deepest : a.deepest, a.change < b.change ? b.change : a.change, a.active + b.active};
+    return {a.energy + b.energy, a.deepest < b.deepest ? b.deepest : a.deepest, a.change < b.change ? b.change : a.change, a.active + b.active,
+            a.squares + b.squares, a.area + b.area};
   }
   KNEAD_HD void finish(const ContactSum& sum) const { *result = sum; }
 

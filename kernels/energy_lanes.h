@@ -14,10 +14,6 @@ struct EnergyLanes {
   // Rows [begin, end) of a multigrid cycle's products with a matrix.
   void (*smooth)(const Smooth&, size_t begin, size_t end);
   void (*residual)(const Residual&, size_t begin, size_t end);
-  // Vectors of n floats, n a multiple of 16, aligned.
-  double (*dot)(const float* a, const float* b, size_t n);
-  void (*add_scaled)(float* to, const float* from, float by, size_t n);            // to += by * from
-  void (*combine)(float* to, const float* a, const float* b, float by, size_t n);  // to = a + by * b
 };
 
 const EnergyLanes* energy_lanes_scalar();

@@ -41,30 +41,7 @@ void each_row(const Body& shared, size_t begin, size_t end) {
   for (size_t p = begin; p < end; ++p) body(static_cast<uint32_t>(p));
 }
 
-double dot(const float* a, const float* b, size_t n) {
-  constexpr size_t kBlock = 512;  // floats summed in float before they go into the double
-  double sum = 0;
-  for (size_t begin = 0; begin < n; begin += kBlock) {
-    const size_t end = begin + kBlock < n ? begin + kBlock : n;
-    constexpr uint32_t kParts = 16 / L::kWidth;
-    F part[kParts] = {};
-    for (size_t i = begin; i < end; i += 16)
-      for (uint32_t k = 0; k < kParts; ++k) part[k] = part[k] + L::load(a + i + k * L::kWidth) * L::load(b + i + k * L::kWidth);
-    for (uint32_t k = 0; k < kParts; ++k) sum += total(part[k]);
-  }
-  return sum;
-}
-
-void add_scaled(float* to, const float* from, float by, size_t n) {
-  for (size_t i = 0; i < n; i += L::kWidth) put(to + i, L::load(to + i) + L::load(from + i) * by);
-}
-
-void combine(float* to, const float* a, const float* b, float by, size_t n) {
-  for (size_t i = 0; i < n; i += L::kWidth) put(to + i, L::load(a + i) + L::load(b + i) * by);
-}
-
-constexpr EnergyLanes kLanes{
-    elastic, each_row<Smooth>, each_row<Residual>, dot, add_scaled, combine};
+constexpr EnergyLanes kLanes{elastic, each_row<Smooth>, each_row<Residual>};
 
 }  // namespace
 

@@ -1,14 +1,13 @@
 #include "kernels/equilibrium.h"
 
 #include <algorithm>
-#include <bit>
 #include <chrono>
 #include <cmath>
 #include <optional>
 
 #include "graph/error.h"
 #include "kernels/carry.h"
-#include "kernels/device_direction.h"
+#include "kernels/descent.h"
 #include "kernels/energy_lanes.h"
 #include "kernels/equilibrium_contacts.h"
 #include "kernels/parallel.h"
@@ -18,16 +17,17 @@
 namespace knead {
 namespace {
 
-constexpr int kMemory = History::kMost;                     // pairs that L-BFGS remembers
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
-constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and from there whenever there are twice as many
+constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
+constexpr int kRenewal = 3;                                 // as many it is until it does so again
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
 constexpr double kStiffest = 16;                            // at most this much
+constexpr double kMean = 0.1;                               // the mean error of contacts at rest, relative to the largest
 constexpr double kStill = 1e-8;                             // a step, in diagonals, that is lost in rounding; after
 constexpr int kStillFor = 5;                                // so many of them it is over
 constexpr double kArmijo = 1e-4;
@@ -59,7 +59,6 @@ class Solver {
         settings_(settings),
         figures_(figures),
         lanes_(energy_lanes(executor)),
-        math_(executor, lanes_),
         sums_(1, executor.memory()),
         contacts_(executor, rest, placement, colliders, settings, sums_.data_for_write(), seen_),
         u_(executor, rest.rows),
@@ -68,19 +67,12 @@ class Solver {
         trial_gradient_(executor, rest.rows),
         direction_(executor, rest.grids->solve_rows()),
         forces_(executor, 4 * rest.stride),
-        bulk_(executor, rest.rows),
-        bulk_solved_(executor, rest.grids->solve_rows()),
         listed_at_(executor, rest.rows),
+        descent_(executor, rest),
         blocks_(kBlock * size_t{rest.places}, executor.memory()),
         work_(rest.grids->work_rows(), executor.memory()) {
     seen_.volume.stiffness = contacts_.volume_stiffness();
-    if (executor.device() != Device{}) {
-      device_ = std::make_unique<DeviceDirection>(executor, rest);
-      executor.copy(&seen_, Device{}, sums_.data_for_write(), executor.device(), sizeof seen_);
-    } else {
-      *sums_.data_for_write() = seen_;
-      for (int k = 0; k < kMemory; ++k) steps_.emplace_back(executor, rest.rows), changes_.emplace_back(executor, rest.rows);
-    }
+    executor.copy(&seen_, Device{}, sums_.data_for_write(), executor.device(), sizeof seen_);
   }
 
   Buffer<Vec3f> run() {
@@ -119,7 +111,7 @@ class Solver {
   }
 
  private:
-  size_t floats() const { return 4 * size_t{rest_.rows}; }
+  bool on_host() const { return executor_.device() == Device{}; }
 
   // False when nothing touches.
   bool begin_at_rest(Evaluation& now) {
@@ -186,7 +178,7 @@ class Solver {
     ScopedTime time(figures_.contact_seconds);
     if (!listed_) list_contacts(u);
     measure(u, listed_at_, &sums().travelled);
-    if (!device_ && !(sums().travelled < contacts_.skin())) {
+    if (on_host() && !(sums().travelled < contacts_.skin())) {
       list_contacts(u);
       sums().travelled = 0;
     }
@@ -213,7 +205,7 @@ class Solver {
     ScopedTime time(figures_.elastic_seconds);
     const RestTables& t = rest_.on;
     const ElasticTets body{u.data(), t.corners, t.shape, t.mu, t.lambda, forces_.data(), rest_.stride, rest_.term};
-    if (device_) return reduce(executor_, rest_.stride, ElasticEnergy{body, &sums().elastic});
+    if (!on_host()) return reduce(executor_, rest_.stride, ElasticEnergy{body, &sums().elastic});
     const size_t grain = std::max(kTetsPerPiece, (rest_.stride / kMostPieces + 15) / 16 * 16);
     parts_.resize(rest_.stride / grain + 1);
     executor_.parallel_ranges(rest_.stride, grain, [&](size_t begin, size_t end) {
@@ -237,7 +229,7 @@ class Solver {
       evaluate_contacts(u);
       gather(u, gradient);
       look();
-      if (!device_ || fresh || seen_.travelled < contacts_.skin()) break;
+      if (on_host() || fresh || seen_.travelled < contacts_.skin()) break;
       listed_ = false;
     }
     Evaluation at;
@@ -251,10 +243,6 @@ class Solver {
   }
 
   void look() {
-    if (!device_) {
-      seen_ = sums();
-      return;
-    }
     executor_.copy(&sums(), executor_.device(), &seen_, Device{}, sizeof seen_);
     executor_.synchronise();
   }
@@ -299,78 +287,26 @@ class Solver {
       ScopedTime time(figures_.renewal_seconds);
       deformed_ = rest_.hessian_at(executor_, u_.data());
       scale_ = 1;
-      pairs_ = 0;  // they tell of a body that was far from this one
+      descent_.forget();  // its pairs tell of a body that was far from this one
     }
     renew_metric();
   }
 
-  void apply_metric(Rows& x) {
-    ScopedTime time(figures_.solve_seconds);
-    metric_->solve(executor_, lanes_, x.data(), work_.data_for_write());
-    if (!contacts_.keeps_volume()) return;
-    // The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950).
-    const double along = math_.dot(bulk_.floats(), x.floats(), floats());
-    math_.add_scaled(x.floats(), bulk_solved_.floats(), static_cast<float>(-along * bulk_factor_), floats());
-  }
-
   void renew_bulk() {
-    if (!contacts_.keeps_volume()) return;
-    if (device_) return device_->renew_bulk(*metric_, lanes_, contacts_, work_.data_for_write());
-    contacts_.volume_gradient(bulk_.data());
-    std::copy_n(bulk_.data(), rest_.rows, bulk_solved_.data());
-    metric_->solve(executor_, lanes_, bulk_solved_.data(), work_.data_for_write());
-    bulk_factor_ = 1 / (contacts_.volume_compliance() + math_.dot(bulk_.floats(), bulk_solved_.floats(), floats()));
+    if (contacts_.keeps_volume()) descent_.renew_bulk(*metric_, lanes_, contacts_, work_.data_for_write());
   }
 
-  Ring ring() const { return {static_cast<uint32_t>(pairs_), static_cast<uint32_t>(newest_)}; }
-
-  // direction_ <- -(metric of the last pairs) gradient; the sums have the slope along it.
   void make_direction() {
-    if (device_)
-      return device_->make(ring(), *metric_, lanes_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, work_.data_for_write());
-    float* d = direction_.floats();
-    std::copy_n(gradient_.floats(), floats(), d);
-    double weight[kMemory];
-    for (int k = pairs_ - 1; k >= 0; --k) {
-      const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
-      weight[slot] = math_.dot(steps_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
-      math_.add_scaled(d, changes_[static_cast<size_t>(slot)].floats(), static_cast<float>(-weight[slot]), floats());
-    }
-    apply_metric(direction_);
-    if (scale_ != 1)
-      for (size_t i = 0; i < floats(); ++i) d[i] *= static_cast<float>(scale_);
-    for (int k = 0; k < pairs_; ++k) {
-      const int slot = (newest_ - (pairs_ - 1 - k) + kMemory) % kMemory;
-      const double back = math_.dot(changes_[static_cast<size_t>(slot)].floats(), d, floats()) * over_[slot];
-      math_.add_scaled(d, steps_[static_cast<size_t>(slot)].floats(), static_cast<float>(weight[slot] - back), floats());
-    }
-    for (size_t i = 0; i < floats(); ++i) d[i] = -d[i];
-    sums().slope = lanes_.dot(gradient_.floats(), d, floats());
-  }
-
-  // Remembers the step from (u_, gradient_) to (trial_, trial_gradient_).
-  void remember() {
-    const int slot = (newest_ + 1) % kMemory;
-    if (device_) {
-      newest_ = slot;
-      pairs_ = std::min(pairs_ + 1, kMemory);
-      return device_->remember(ring(), u_, trial_, gradient_, trial_gradient_);
-    }
-    float *s = steps_[static_cast<size_t>(slot)].floats(), *y = changes_[static_cast<size_t>(slot)].floats();
-    math_.combine(s, trial_.floats(), u_.floats(), -1, floats());
-    math_.combine(y, trial_gradient_.floats(), gradient_.floats(), -1, floats());
-    const double sy = math_.dot(s, y, floats());
-    if (!(sy > 1e-10 * std::sqrt(math_.dot(s, s, floats()) * math_.dot(y, y, floats())))) return;
-    over_[slot] = 1 / sy;
-    newest_ = slot;
-    pairs_ = std::min(pairs_ + 1, kMemory);
+    ScopedTime time(figures_.direction_seconds);
+    descent_.make(*metric_, lanes_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, work_.data_for_write());
   }
 
   bool search(const Evaluation& now, Evaluation& next) {
     double along = 1;
     for (int attempt = 0; attempt < 12; ++attempt) {
-      if (!device_ && !(sums().slope < 0)) return false;
-      make_trial(static_cast<float>(along));
+      if (on_host() && !(sums().slope < 0)) return false;
+      parallel_for(executor_, rest_.places, "combine_rows", CombineRows{trial_.data(), u_.data(), direction_.data(), static_cast<float>(along)});
+      measure(trial_, u_, &sums().step);
       next = evaluate(trial_, trial_gradient_);
       const double slope = seen_.slope;
       if (!(slope < 0)) return false;
@@ -387,31 +323,22 @@ class Solver {
     return false;
   }
 
-  void make_trial(float along) {
-    if (device_) {
-      executor_.launch(CombineRows{trial_.data(), u_.data(), direction_.data(), along}, rest_.places);
-    } else {
-      math_.combine(trial_.floats(), u_.floats(), direction_.floats(), along, floats());
-    }
-    measure(trial_, u_, &sums().step);
-  }
-
   // One iteration of L-BFGS. False when no step goes down any more.
   bool iterate(Evaluation& now) {
     if (settings_.check_cancelled) settings_.check_cancelled();
-    for (bool fresh = pairs_ == 0;; fresh = true) {
+    for (bool fresh = !descent_.remembers();; fresh = true) {
       make_direction();
       Evaluation next;
       if (search(now, next)) {
         ++figures_.iterations;
         figures_.step = seen_.step / rest_.diagonal;
-        remember();
+        descent_.remember(u_, trial_, gradient_, trial_gradient_);
         std::swap(u_, trial_);
         std::swap(gradient_, trial_gradient_);
         now = next;
         return true;
       }
-      pairs_ = 0;
+      descent_.forget();
       now = evaluate(u_, gradient_);
       if (fresh) return false;
     }
@@ -433,33 +360,37 @@ class Solver {
   }
 
   void descend(Evaluation& now) {
-    int since_update = 0, still = 0;
+    int since_update = 0, still = 0, renewal = kFirstRenewal;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
       if (done == kFirstRenewal && contacts_.by_entries()) {  // the shape has the right side by now
         contacts_.forget_entries();
         now = evaluate(u_, gradient_);
       }
-      if (done >= kFirstRenewal && std::has_single_bit(static_cast<unsigned>(done))) renew_for_shape();
+      if (done == renewal) {
+        renew_for_shape();
+        renewal *= kRenewal;
+      }
       if (done % kBulkInterval == 0 && done > 0) renew_bulk();
       if (!iterate(now)) {
         figures_.ended = "stalled";
         return;
       }
       ++since_update;
-      const double change = now.contact.change / rest_.diagonal;
+      const double mean = std::sqrt(now.contact.squares / std::max(1e-30f, now.contact.area));
+      const bool off = std::max(static_cast<double>(now.contact.change), mean / kMean) > settings_.penetration * rest_.diagonal;
       const bool settled = !contacts_.by_entries() && std::abs(contacts_.volume_error()) <= kVolume && relative(now) <= settings_.gradient &&
                            figures_.step <= settings_.displacement;
-      if (settled && change <= settings_.penetration) {
+      if (settled && !off) {
         figures_.ended = "rest";
         return;
       }
-      still = figures_.step <= kStill && change <= settings_.penetration && !contacts_.by_entries() ? still + 1 : 0;
+      still = figures_.step <= kStill && !off && !contacts_.by_entries() ? still + 1 : 0;
       if (still == kStillFor) {
         figures_.ended = "rounding";
         return;
       }
-      if ((change > settings_.penetration || std::abs(contacts_.volume_error()) > kVolume) &&
+      if ((off || std::abs(contacts_.volume_error()) > kVolume) &&
           (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
         update_memory(now);
         since_update = 0;
@@ -478,19 +409,15 @@ class Solver {
   const EquilibriumSettings& settings_;
   EquilibriumFigures& figures_;
   const EnergyLanes& lanes_;
-  RowMath math_;
   Buffer<EquilibriumSums> sums_;
   EquilibriumSums seen_;  // what the host last saw of them
   EquilibriumContacts contacts_;
-  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, bulk_, bulk_solved_, listed_at_;
-  std::vector<Rows> steps_, changes_;
-  double over_[kMemory] = {};  // 1 / s.y
-  int pairs_ = 0, newest_ = kMemory - 1;
-  std::unique_ptr<DeviceDirection> device_;  // in place of all that the pairs need on the host
+  Rows u_, trial_, gradient_, trial_gradient_, direction_, forces_, listed_at_;
+  Descent descent_;
   Buffer<float> blocks_;
   Buffer<Row4> work_;
   std::vector<ElasticSum> parts_;
-  double bulk_factor_ = 0, scale_ = 1;
+  double scale_ = 1;
   int updates_since_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;

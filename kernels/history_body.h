@@ -1,12 +1,12 @@
-// L-BFGS on a device: the two loops over the remembered pairs (Nocedal 1980) by inner products, so that a direction takes a handful of launches
-// whatever it remembers, and the host no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only s.g, y.r and s.y.
+// L-BFGS: the two loops over the remembered pairs (Nocedal 1980) by inner products, so that a direction takes a handful of launches and of passes over
+// memory whatever it remembers, and on a device the host has no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only s.g, y.r and s.y.
 #pragma once
 #include "kernels/rows4.h"
 
 namespace knead {
 
 struct History {
-  static constexpr uint32_t kMost = 16;  // pairs
+  static constexpr uint32_t kMost = 8;  // pairs: twice as many save no iteration
   double sy[kMost][kMost];               // s_i . y_j, of pairs i that are not younger than j
   double over[kMost];                    // 1 / s.y; 0 of a pair without use
   double alpha[kMost], factor[kMost];    // of y in q, and of s in the direction
@@ -20,13 +20,6 @@ struct Ring {
   KNEAD_HD bool has(uint32_t slot) const { return (newest + History::kMost - slot) % History::kMost < pairs; }
 };
 
-struct PairRows {
-  const Row4 *steps, *changes;  // [kMost][rows]
-  size_t rows;
-  KNEAD_HD const Row4* step(uint32_t slot) const { return steps + slot * rows; }
-  KNEAD_HD const Row4* change(uint32_t slot) const { return changes + slot * rows; }
-};
-
 struct HistoryDots {
   double of[History::kMost] = {};
   double steps = 0, changes = 0;  // squares of the new pair
@@ -37,9 +30,36 @@ KNEAD_HD HistoryDots added(HistoryDots a, const HistoryDots& b) {
   a.changes += b.changes;
   return a;
 }
-KNEAD_HD double product(const Row4& a, const Row4& b) {
-  return dot(to_vec(a), to_vec(b));
+KNEAD_HD double product(const Row4* a, const Row4* b, size_t p) {
+  return static_cast<double>(sum_of(quad_at(a, p) * quad_at(b, p)));
 }
+// For a piece of the rows on the host.
+inline double product(const Row4* a, const Row4* b, size_t begin, size_t end) {
+  Quad sums[4] = {};
+  size_t p = begin;
+  for (; p + 4 <= end; p += 4)
+    for (size_t k = 0; k < 4; ++k) sums[k] = sums[k] + quad_at(a, p + k) * quad_at(b, p + k);
+  for (; p < end; ++p) sums[0] = sums[0] + quad_at(a, p) * quad_at(b, p);
+  return static_cast<double>(sum_of((sums[0] + sums[1]) + (sums[2] + sums[3])));
+}
+
+struct PairRows {
+  const Row4 *steps, *changes;  // [kMost][rows]
+  size_t rows;
+  KNEAD_HD const Row4* step(uint32_t slot) const { return steps + slot * rows; }
+  KNEAD_HD const Row4* change(uint32_t slot) const { return changes + slot * rows; }
+  // With v, for a piece of the rows on the host.
+  HistoryDots with_steps(const Ring& ring, const Row4* v, size_t begin, size_t end) const { return with(steps, ring, v, begin, end); }
+  HistoryDots with_changes(const Ring& ring, const Row4* v, size_t begin, size_t end) const { return with(changes, ring, v, begin, end); }
+
+ private:
+  HistoryDots with(const Row4* all, const Ring& ring, const Row4* v, size_t begin, size_t end) const {
+    HistoryDots dots;
+    for (uint32_t k = 0; k < History::kMost; ++k)
+      if (ring.has(k)) dots.of[k] = product(all + k * rows, v, begin, end);
+    return dots;
+  }
+};
 
 // Stores the step that was taken and the change of the gradient in the newest slot.
 struct RememberPair {
@@ -51,15 +71,24 @@ struct RememberPair {
   History* history;
 
   KNEAD_HD HistoryDots operator()(uint32_t p) const {
-    const Row4 s = to_row(to_vec(after[p]) - to_vec(before[p])), y = to_row(to_vec(gradient_after[p]) - to_vec(gradient_before[p]));
-    step[p] = s;
-    change[p] = y;
+    store(p);
     HistoryDots dots;
     for (uint32_t k = 0; k < History::kMost; ++k)
-      if (ring.has(k)) dots.of[k] = product(k == ring.newest ? s : rows.step(k)[p], y);
-    dots.steps = product(s, s);
-    dots.changes = product(y, y);
+      if (ring.has(k)) dots.of[k] = product(rows.step(k), change, p);
+    dots.steps = product(step, step, p);
+    dots.changes = product(change, change, p);
     return dots;
+  }
+  HistoryDots over(size_t begin, size_t end) const {
+    for (size_t p = begin; p < end; ++p) store(p);
+    HistoryDots dots = rows.with_steps(ring, change, begin, end);
+    dots.steps = product(step, step, begin, end);
+    dots.changes = product(change, change, begin, end);
+    return dots;
+  }
+  KNEAD_HD void store(size_t p) const {
+    put_quad(step, p, quad_at(after, p) - quad_at(before, p));
+    put_quad(change, p, quad_at(gradient_after, p) - quad_at(gradient_before, p));
   }
   static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
   KNEAD_HD void finish(const HistoryDots& dots) const {
@@ -80,9 +109,10 @@ struct FirstLoop {
   KNEAD_HD HistoryDots operator()(uint32_t p) const {
     HistoryDots dots;
     for (uint32_t k = 0; k < History::kMost; ++k)
-      if (ring.has(k)) dots.of[k] = product(rows.step(k)[p], gradient[p]);
+      if (ring.has(k)) dots.of[k] = product(rows.step(k), gradient, p);
     return dots;
   }
+  HistoryDots over(size_t begin, size_t end) const { return rows.with_steps(ring, gradient, begin, end); }
   static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
   KNEAD_HD void finish(const HistoryDots& dots) const {
     for (uint32_t age = 0; age < ring.pairs; ++age) {
@@ -119,7 +149,8 @@ struct BulkOver {
   const Row4 *bulk, *solved;
   double compliance;
   History* history;
-  KNEAD_HD double operator()(uint32_t p) const { return product(bulk[p], solved[p]); }
+  KNEAD_HD double operator()(uint32_t p) const { return product(bulk, solved, p); }
+  double over(size_t begin, size_t end) const { return product(bulk, solved, begin, end); }
   static KNEAD_HD double combine(double a, double b) { return a + b; }
   KNEAD_HD void finish(double along) const { history->bulk_over = 1 / (compliance + along); }
 };
@@ -127,7 +158,8 @@ struct BulkAlong {
   static constexpr const char* kKernel = "bulk_along";
   const Row4 *bulk, *r;
   History* history;
-  KNEAD_HD double operator()(uint32_t p) const { return product(bulk[p], r[p]); }
+  KNEAD_HD double operator()(uint32_t p) const { return product(bulk, r, p); }
+  double over(size_t begin, size_t end) const { return product(bulk, r, begin, end); }
   static KNEAD_HD double combine(double a, double b) { return a + b; }
   KNEAD_HD void finish(double along) const { history->bulk = along * history->bulk_over; }
 };
@@ -144,13 +176,20 @@ struct SecondLoop {
   uint32_t unused = 0;
 
   KNEAD_HD HistoryDots operator()(uint32_t p) const {
-    Vec3f at = to_vec(r[p]);
-    if (solved) at -= static_cast<float>(history->bulk) * to_vec(solved[p]);
-    r[p] = to_row(scale * at);
+    complete(p);
     HistoryDots dots;
     for (uint32_t k = 0; k < History::kMost; ++k)
-      if (ring.has(k)) dots.of[k] = product(rows.change(k)[p], r[p]);
+      if (ring.has(k)) dots.of[k] = product(rows.change(k), r, p);
     return dots;
+  }
+  HistoryDots over(size_t begin, size_t end) const {
+    for (size_t p = begin; p < end; ++p) complete(p);
+    return rows.with_changes(ring, r, begin, end);
+  }
+  KNEAD_HD void complete(size_t p) const {
+    Quad at = quad_at(r, p);
+    if (solved) at = at - quad_at(solved, p) * static_cast<float>(history->bulk);
+    put_quad(r, p, at * scale);
   }
   static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
   KNEAD_HD void finish(const HistoryDots& dots) const {
@@ -174,13 +213,13 @@ struct Downhill {
   double* slope;
 
   KNEAD_HD double operator()(uint32_t p) const {
-    Vec3f sum = to_vec(direction[p]);
+    Quad sum = quad_at(direction, p);
     for (uint32_t age = ring.pairs; age-- > 0;) {
       const uint32_t i = ring.slot(age);
-      sum += static_cast<float>(history->factor[i]) * to_vec(rows.step(i)[p]);
+      sum = sum + quad_at(rows.step(i), p) * static_cast<float>(history->factor[i]);
     }
-    direction[p] = to_row(-sum);
-    return product(gradient[p], direction[p]);
+    put_quad(direction, p, sum * -1);
+    return product(gradient, direction, p);
   }
   static KNEAD_HD double combine(double a, double b) { return a + b; }
   KNEAD_HD void finish(double along) const { *slope = along; }

@@ -31,21 +31,28 @@ void parallel_for(Executor& executor, size_t n, const char* label, const Body& b
   });
 }
 
-// combine(...combine(combine(start, body(0)), body(1))..., body(n - 1)), associated by fixed pieces. At most kMostPieces partial results, on the stack.
-template <class T, class Body, class Combine>
-T parallel_reduce(Executor& executor, size_t n, const char* label, T start, const Body& body, const Combine& combine, size_t least_grain = kGrain) {
+// Of piece(begin, end) over fixed pieces of n indices, one after the other, to `start`. At most kMostPieces partial results, on the stack.
+template <class T, class Piece, class Combine>
+T reduce_pieces(Executor& executor, size_t n, const char* label, T start, const Piece& piece, const Combine& combine, size_t least_grain = kGrain) {
   require_host(executor, label);
   constexpr size_t kMostPieces = 256;
   const size_t grain = std::max(least_grain, (n + kMostPieces - 1) / kMostPieces);
   std::array<T, kMostPieces> partial;
-  executor.parallel_ranges(n, grain, [&](size_t begin, size_t end) {
+  executor.parallel_ranges(n, grain, [&](size_t begin, size_t end) { partial[begin / grain] = piece(begin, end); });
+  T sum = start;
+  for (size_t k = 0; k * grain < n; ++k) sum = combine(sum, partial[k]);
+  return sum;
+}
+
+// combine(...combine(combine(start, body(0)), body(1))..., body(n - 1)), associated by fixed pieces.
+template <class T, class Body, class Combine>
+T parallel_reduce(Executor& executor, size_t n, const char* label, T start, const Body& body, const Combine& combine, size_t least_grain = kGrain) {
+  const auto piece = [&](size_t begin, size_t end) {
     T sum = start;
     for (size_t i = begin; i < end; ++i) sum = combine(sum, body(static_cast<uint32_t>(i)));
-    partial[begin / grain] = sum;
-  });
-  T sum = start;
-  for (size_t piece = 0; piece * grain < n; ++piece) sum = combine(sum, partial[piece]);
-  return sum;
+    return sum;
+  };
+  return reduce_pieces(executor, n, label, start, piece, combine, least_grain);
 }
 
 template <class Body>
@@ -62,7 +69,8 @@ auto reduce_sum(Executor& executor, size_t n, const char* label, const Body& bod
 
 // A reduction that stays where it is made. Its body gives a part for every index, `Sum operator()(uint32_t i) const`, and has `static Sum combine(Sum, Sum)`,
 // for which Sum{} is the identity, and `void finish(const Sum&) const`, which is called once and puts the result, or what is made of it, where the next
-// kernel reads it. A body may bring a faster way for the host, `Sum sum_on_host(Executor&, size_t n) const`, or the least indices of a piece there, `kGrain`.
+// kernel reads it. A body may bring a faster way for the host, `Sum sum_on_host(Executor&, size_t n) const` or, for the indices of a piece,
+// `Sum over(size_t begin, size_t end) const`, or the least indices of a piece there, `kGrain`.
 template <class Body>
 using SumOf = decltype(std::declval<const Body&>()(uint32_t{0}));
 
@@ -70,6 +78,8 @@ template <class Body>
 void reduce_on_host(Executor& executor, size_t n, const Body& body) {
   if constexpr (requires { body.sum_on_host(executor, n); })
     body.finish(body.sum_on_host(executor, n));
+  else if constexpr (requires { body.over(n, n); })
+    body.finish(reduce_pieces(executor, n, Body::kKernel, SumOf<Body>{}, [&](size_t begin, size_t end) { return body.over(begin, end); }, Body::combine));
   else if constexpr (requires { Body::kGrain; })
     body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine, Body::kGrain));
   else

@@ -27,23 +27,29 @@ KNEAD_HD Quad operator+(const Quad& a, const Quad& b) {
 KNEAD_HD Quad operator-(const Quad& a, const Quad& b) {
   return {a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w};
 }
+KNEAD_HD Quad operator*(const Quad& a, const Quad& b) {
+  return {a.x * b.x, a.y * b.y, a.z * b.z, a.w * b.w};
+}
 KNEAD_HD Quad operator*(const Quad& a, float by) {
   return {a.x * by, a.y * by, a.z * by, a.w * by};
 }
-KNEAD_HD float squared(const Quad& a) {
-  return a.x * a.x + a.y * a.y + a.z * a.z;
+KNEAD_HD float sum_of(const Quad& a) {
+  return a.x + a.y + a.z;
 }
 #else
 using Quad = Pack<4>;
-KNEAD_HD float squared(const Quad& a) {
-  return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+KNEAD_HD float sum_of(const Quad& a) {  // of the three
+  return a[0] + a[1] + a[2];
 }
 #endif
+KNEAD_HD float squared(const Quad& a) {
+  return sum_of(a * a);
+}
 
-KNEAD_HD Quad quad_at(const Row4* v, uint32_t i) {
+KNEAD_HD Quad quad_at(const Row4* v, size_t i) {
   return *reinterpret_cast<const Quad*>(v + i);
 }
-KNEAD_HD void put_quad(Row4* v, uint32_t i, const Quad& q) {
+KNEAD_HD void put_quad(Row4* v, size_t i, const Quad& q) {
   *reinterpret_cast<Quad*>(v + i) = q;
 }
 
