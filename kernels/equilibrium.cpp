@@ -20,7 +20,7 @@ namespace {
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
-constexpr int kRenewal = 3;                                 // as many it is until it does so again
+constexpr int kRenewal = 2;                                 // as many it is until it does so again
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
@@ -247,11 +247,12 @@ class Solver {
     executor_.synchronise();
   }
 
-  // A memory that fills too slowly gets stiffer contacts: the forces stay as they are.
+  // Contacts are soft while the body finds its shape, and become stiffer with the first memory, then where it fills too slowly: the forces stay as they are.
   void stiffen(double change) {
-    if (++updates_since_ < kPatience) return;
+    const bool first = figures_.updates == 1;
+    if (++updates_since_ < kPatience && !first) return;
     updates_since_ = 0;
-    if (change > kProgress * change_before_ && change > settings_.penetration * rest_.diagonal && stiffer_ < kStiffest) {
+    if (first || (change > kProgress * change_before_ && change > settings_.penetration * rest_.diagonal && stiffer_ < kStiffest)) {
       stiffer_ *= 2;
       contacts_.stiffen(2);
       renew_metric();
