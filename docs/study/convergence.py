@@ -3,7 +3,8 @@
 
 Needs numpy and matplotlib (pip install numpy matplotlib). From the root of the tree:
 
-  docs/study/convergence.py --knead build/release/app/knead --out out/study --mesh PATH --mesh PATH [--only distance|smooth|depth|scale|pictures]
+  docs/study/convergence.py --knead build/release/app/knead --out out/study --mesh PATH --mesh PATH [--anderson build/release/study/anderson]
+                            [--only distance|anderson|smooth|depth|scale|pictures]
 
 Each --mesh is a closed body pressed by a ball from +z; the head and the crush are those of examples/. Everything runs on one thread, so that times
 are of the method and not of what else the machine does. Graphs, meshes and results.json stay in --out; tables.md and the plots are made from them.
@@ -38,12 +39,13 @@ class Study:
     def __init__(self, knead, out):
         self.knead, self.out = knead, out
 
-    def run(self, name, nodes, frames="1"):
+    def run(self, name, nodes, frames="1", anderson=None):
         folder = self.out / name
         folder.mkdir(parents=True, exist_ok=True)
         graph = folder / "graph.json"
         graph.write_text(json.dumps({"knead": 1, "frames": frames, "nodes": nodes}, indent=1))
-        done = subprocess.run([self.knead, "run", graph, "--threads", "1", "--out", folder], capture_output=True, text=True)
+        command = [anderson, graph, folder] if anderson else [self.knead, "run", graph, "--threads", "1", "--out", folder]
+        done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise SystemExit(f"{name}: {done.stdout}{done.stderr}")
         return folder, [json.loads(line) for line in (folder / "stats.jsonl").read_text().splitlines()]
@@ -87,6 +89,14 @@ class Scene:
             "next": {"points": "held", "surface": "map", "memory": "push.memory"},
         }
         self.results(nodes, name)
+
+    def accelerate(self, nodes, name, before):
+        """Turns a loop into one with Anderson acceleration, for the program `anderson` to run."""
+        loop = nodes[name]
+        loop["state"]["history"] = f"{before}.history" if before else None
+        loop["body"]["mixed"] = {"type": "anderson", "before": "state.points", "after": "held", "history": "state.history"}
+        loop["body"]["map"]["points"] = "mixed.points"
+        loop["next"].update(points="mixed.points", history="mixed.history")
 
     def equilibrium(self, nodes, name, **settings):
         nodes[name] = {"type": "equilibrium", "surface": "body", "sdf": self.sdf, "tets": "tets", "lattice": "tets.lattice", **settings}
@@ -210,6 +220,30 @@ def study_distance(study, meshes, results, done):
         print(scene.name, "done", flush=True)
         done()
     return results
+
+
+def study_anderson(study, program, rounds=(10, 20, 30, 60, 120, 250, 500, 1000)):
+    """The loop with Anderson acceleration beside the plain one, both against the plain one's last shape."""
+    result = {}
+    for scene in (head_scene(), crush_scene()):
+        for hold in (scene.hold, 0):
+            nodes = scene.graph()
+            nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
+            scene.equilibrium(nodes, "eq")
+            for kind in ("plain", "anderson"):
+                before, made = None, 0
+                for count in rounds:
+                    name = f"{kind}_{count}"
+                    scene.loop(nodes, name, count - made, before, 1, hold)
+                    if kind == "anderson":
+                        scene.accelerate(nodes, name, before)
+                    before, made = name, count
+            folder, _ = study.run(f"anderson_{scene.name}_{hold:g}", nodes, anderson=program)
+            shape = lambda name: read_ply(folder / f"{name}.0001.ply")
+            dent = np.linalg.norm(shape("eq") - read_ply(folder / "rest.ply"), axis=1).max()
+            result[f"{scene.name}, hold {hold:g}"] = {
+                kind: [distance(shape(f"{kind}_{count}"), shape(f"plain_{rounds[-1]}"), dent)[0] for count in rounds] for kind in ("plain", "anderson")}
+    return {"rounds": rounds, "scenes": result}
 
 
 def study_smooth(study, frames=13):
@@ -388,6 +422,11 @@ def tables(results):
                 s = row["stop"]
                 text.append(f"| {name} | {method} | {s['ended']} | {s['iterations']} | {s['seconds']:.2g} | {percent(s['rms'])} | "
                             f"{percent(s['max'])} | {first_below(row['sweep'])} | {percent(s['to_equilibrium'])} | {percent(s['volume_error'])} | {s['raw_penetration']:.1e} | {s['inverted']} |")
+    if "anderson" in results:
+        rounds = results["anderson"]["rounds"]
+        text += ["", "| scene | loop | " + " | ".join(map(str, rounds)) + " |", "|---|---" + "|---" * len(rounds) + "|"]
+        text += [f"| {scene} | {kind} | " + " | ".join(map(percent, off)) + " |"
+                 for scene, kinds in results["anderson"]["scenes"].items() for kind, off in kinds.items()]
     if "depth" in results:
         text += ["", "| scene | depth | tets | to gradient 1e-3 | to rest | s | volume | inverted | off the next depth | loop: off the next depth |", "|---|---|---|---|---|---|---|---|---|---|"]
         for name, rows in results["depth"].items():
@@ -412,7 +451,8 @@ def main():
     parser.add_argument("--knead", required=True)
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--mesh", action="append", default=[], type=lambda text: pathlib.Path(text).resolve())
-    parser.add_argument("--only", choices=("distance", "smooth", "depth", "scale", "pictures"))
+    parser.add_argument("--anderson", type=pathlib.Path, help="the program of docs/study/anderson.cpp")
+    parser.add_argument("--only", choices=("distance", "anderson", "smooth", "depth", "scale", "pictures"))
     arguments = parser.parse_args()
     study = Study(arguments.knead, arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -421,6 +461,8 @@ def main():
     save = lambda: kept.write_text(json.dumps(results, indent=1))
     parts = {"pictures": study_pictures, "scale": study_scale, "depth": study_depth, "smooth": study_smooth,
              "distance": lambda s: study_distance(s, arguments.mesh, results.setdefault("distance", {}), save)}
+    if arguments.anderson:
+        parts["anderson"] = lambda s: study_anderson(s, arguments.anderson.resolve())
     for name, part in parts.items():
         if arguments.only in (None, name):
             made = part(study)
