@@ -20,7 +20,9 @@ namespace {
 constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
-constexpr int kRenewal = 2;                                 // as many it is until it does so again
+constexpr int kRenewal = 2;                                 // as many it is until it does so again;
+constexpr double kAstray = 0.3;                             // or where refused steps have scaled it down to this,
+constexpr int kAgain = 8;                                   // so many iterations after the last time
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
@@ -361,16 +363,17 @@ class Solver {
   }
 
   void descend(Evaluation& now) {
-    int since_update = 0, still = 0, renewal = kFirstRenewal;
+    int since_update = 0, still = 0, renewal = kFirstRenewal, renewed = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
       if (done == kFirstRenewal && contacts_.by_entries()) {  // the shape has the right side by now
         contacts_.forget_entries();
         now = evaluate(u_, gradient_);
       }
-      if (done == renewal) {
+      if (done == renewal || (scale_ < kAstray && done >= renewed + kAgain)) {
         renew_for_shape();
-        renewal *= kRenewal;
+        renewed = done;
+        if (done == renewal) renewal *= kRenewal;
       }
       if (done % kBulkInterval == 0 && done > 0) renew_bulk();
       if (!iterate(now)) {

@@ -9,7 +9,7 @@
 namespace knead {
 namespace {
 
-constexpr double kLeastArea = 1e-3;  // of the mean: for corners of slivers and vertices of no triangle
+constexpr double kLeastArea = 0.1;  // of the mean: for corners of slivers and vertices of no triangle
 
 using OnTriangle = std::array<std::pair<uint32_t, double>, 3>;  // vertices of M and their shares
 

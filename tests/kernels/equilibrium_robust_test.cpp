@@ -171,6 +171,18 @@ TEST(EquilibriumRobust, ItsMetricFollowsTheShape) {
   EXPECT_LT(pressed.figures.iterations, 75);
 }
 
+// A contact is as stiff as its share of the area, and one with hardly any would hold up all others.
+TEST(EquilibriumRobust, VerticesOfNoTriangleSettleAsSoonAsOthers) {
+  const Surface loose = mended(make_sphere(1, 3), [](auto& p, auto&) {
+    for (int k = -3; k <= 3; ++k) p.push_back({0.08f * static_cast<float>(k), 0.99f, 0.05f});
+  });
+  Pressed pressed(loose, {}, 4);
+  const Sdf above = ball(0.5, {0.05, 1.3, 0.02});
+  pressed.by({&above}, "vertices of no triangle");
+  EXPECT_EQ(pressed.figures.ended, "rest");
+  EXPECT_LT(pressed.figures.iterations, 60);
+}
+
 // Under a ball that comes straight down, skin that clings does not go sideways.
 TEST(EquilibriumRobust, ClingsWithFriction) {
   Pressed pressed(make_sphere(1, 3), {}, 3);
