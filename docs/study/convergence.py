@@ -4,7 +4,7 @@
 Needs numpy and matplotlib (pip install numpy matplotlib). From the root of the tree:
 
   docs/study/convergence.py --knead build/release/app/knead --out out/study --mesh PATH --mesh PATH [--anderson build/release/study/anderson]
-                            [--only distance|anderson|smooth|depth|scale|pictures]
+                            [--only distance|anderson|smooth|depth|scale|sweep|pictures]
 
 Each --mesh is a closed body pressed by a ball from +z; the head and the crush are those of examples/. Everything runs on one thread, so that times
 are of the method and not of what else the machine does. Graphs, meshes and results.json stay in --out; tables.md and the plots are made from them.
@@ -20,9 +20,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-LOOP_COUNTS = [10, 20, 30, 60, 120, 250, 500, 1000]
-LOOP_CONVERGED = 2000
-EQUILIBRIUM_COUNTS = [2, 5, 10, 20, 30, 40, 60, 80, 100, 150]
+LOOP_COUNTS = [10, 20, 30, 60, 90, 120, 180, 250, 500, 1000, 2000]
+LOOP_CONVERGED = 6000
+EQUILIBRIUM_COUNTS = [2, 5, 10, 12, 14, 16, 18, 20, 25, 30, 40, 60, 80, 100, 150]
 EQUILIBRIUM_CONVERGED = 600
 LOOPS = {"memory, hold": (1, 1), "memory, no hold": (1, 0), "no memory, hold": (0, 1), "no memory, no hold": (0, 0)}
 RED, BLUE = ("#c44e52", "#dd8452", "#937860", "#8c8c8c"), "#1f5fa8"
@@ -71,13 +71,14 @@ class Scene:
 
     def loop(self, nodes, name, rounds, before=None, rate=1.0, hold=None, threshold=0.0):
         """The paper's loop, from rest or on from where the loop `before` ended: the same bits as in one go."""
-        start = {"points": "tets.points", "surface": "body", "memory": None}
+        start = {"points": "tets.points", "surface": "body", "memory": "way" if rate else None}
+        nodes["way"] = {"type": "approach", "surface": "body", "sdf": self.sdf}
         nodes[name] = {
             "type": "iterate", "max_iterations": rounds, "threshold": threshold,
             "state": {port: f"{before}.{port}" for port in start} if before else start,
             "body": {
                 "push": {"type": "collide_sdf", "surface": "state.surface", "sdf": self.sdf, "memory": "state.memory", "memory_rate": rate}
-                if rate else {"type": "collide_sdf", "surface": "state.surface", "sdf": self.sdf, "way_in": False},
+                if rate else {"type": "collide_sdf", "surface": "state.surface", "sdf": self.sdf},
                 "lift": {"type": "map_to_tets", "displacement": "push.displacement", "points": "state.points", "lattice": "tets.lattice",
                          "tets": "tets", **self.lift},
                 "volume": {"type": "restore_volume", "points": "lift", "tets": "tets", **self.volume},
@@ -293,7 +294,7 @@ def study_smooth(study, frames=13):
 def study_depth(study):
     """On finer bodies than the examples', and with cells split down to single vertices: else there would be nothing to make H finer for."""
     result = {}
-    for make, resolution, depths in ((head_scene, 60, (4, 5, 6, 7)), (crush_scene, 5, (4, 5, 6))):
+    for make, resolution, depths in ((head_scene, 60, (4, 5, 6, 7)), (crush_scene, 5, (4, 5, 6, 7))):
         shapes, rows = {}, {}
         for depth in depths:
             scene = make(depth=depth, resolution=resolution)
@@ -316,6 +317,34 @@ def study_depth(study):
             dent = np.linalg.norm(b["eq"] - b["rest"], axis=1).max()
             rows[depth]["next"] = {name: distance(a[name], b[name], dent) for name in ("eq", "loop") if name in a and name in b}
         result[scene.name] = rows
+    return result
+
+
+SWEEP = 2.5  # from 1.25 above the middle of a ball of radius 1 to 1.25 below, along -y
+
+
+def study_sweep(study, steps=1000):
+    """A small ball through a large one, in at the top, through the middle, out at the bottom; each frame by itself."""
+    result = {}
+    for name, settings in {"told from the rest shape": {}, "entry given": {"entry": [0, -1, 0]}}.items():
+        keys = {1: {"translate": [0.05, SWEEP / 2, 0.02]}, steps + 1: {"translate": [0.05, -SWEEP / 2, 0.02]}}
+        nodes = {"body": {"type": "primitive", "shape": "sphere", "radius": 1}, "ball": {"type": "primitive", "shape": "sphere", "radius": 0.2, "resolution": 5},
+                 "hard": {"type": "transform", "mesh": "ball", "keys": keys}, "solid": {"type": "mesh_to_sdf", "mesh": "hard"}}
+        scene = Scene("sweep", nodes, ["solid"], 4, 0.15, ["hard"])
+        nodes = scene.graph()
+        scene.equilibrium(nodes, "eq", **settings)
+        nodes["eq_raw"] = {"type": "write_mesh", "surface": "eq.surface", "path": "raw.####.ply"}
+        folder, stats = study.run("sweep_" + ("given" if settings else "told"), nodes, f"1-{steps + 1}")
+        stats.sort(key=lambda line: line["frame"])
+        figures = ("ended", "iterations", "solve_milliseconds", "undecided_colliders", "enclosed_colliders", "contacts", "inverted_tets", "displacement_max")
+        row = {figure: [line[figure] for line in stats] for figure in figures}  # one node reports them, so that they stand without its name
+        for kind, files in (("raw", "raw"), ("projected", "eq")):
+            shapes = (read_ply(folder / f"{files}.{frame:04d}.ply") for frame in range(1, steps + 2))
+            before, row[kind] = next(shapes), []
+            for shape in shapes:
+                row[kind].append(float(np.linalg.norm(shape - before, axis=1).max() / (SWEEP / steps)))
+                before = shape
+        result[name] = row
     return result
 
 
@@ -439,6 +468,16 @@ def tables(results):
         for title, series in kinds.items():
             raw, projected = np.array(series["raw"]), np.array(series["projected"])
             text.append(f"| {title} | {series['iterations']:.0f} | {percent(np.median(raw))} | {percent(raw.max())} | {percent(projected.max())} |")
+    for name, row in results.get("sweep", {}).items():
+        jump = np.array(row["projected"])  # of frame k + 2 against frame k + 1
+        text += ["", f"sweep, {name}: median step {np.median(jump):.2g}, largest {jump.max():.3g}; inverted in {np.count_nonzero(row['inverted_tets'])} frames; "
+                 f"undecided in {np.count_nonzero(row['undecided_colliders'])}, enclosed in {np.count_nonzero(row['enclosed_colliders'])}; "
+                 f"ended {({e: row['ended'].count(e) for e in set(row['ended'])})}; median {np.median(row['solve_milliseconds']):.2g}, most {max(row['solve_milliseconds']):.2g} ms",
+                 "", "| to frame | y | step / the ball's | undecided, before | enclosed, before | ended, before |", "|---|---|---|---|---|---|"]
+        for k in np.flatnonzero(jump > 2):
+            pair = lambda figure: f"{row[figure][k + 1]:.0f}, {row[figure][k]:.0f}"
+            text.append(f"| {k + 2} | {SWEEP * (0.5 - (k + 1) / len(jump)):.4f} | {jump[k]:.3g} | {pair('undecided_colliders')} | {pair('enclosed_colliders')} | "
+                        f"{row['ended'][k + 1]}, {row['ended'][k]} |")
     if "scale" in results:
         text += ["", "| height | iterations | rest RMS, max | equilibrium RMS, max | loop RMS, max |", "|---|---|---|---|---|"]
         for height, r in results["scale"].items():
@@ -452,14 +491,14 @@ def main():
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--mesh", action="append", default=[], type=lambda text: pathlib.Path(text).resolve())
     parser.add_argument("--anderson", type=pathlib.Path, help="the program of docs/study/anderson.cpp")
-    parser.add_argument("--only", choices=("distance", "anderson", "smooth", "depth", "scale", "pictures"))
+    parser.add_argument("--only", choices=("distance", "anderson", "smooth", "depth", "scale", "sweep", "pictures"))
     arguments = parser.parse_args()
     study = Study(arguments.knead, arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
     kept = arguments.out / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
     save = lambda: kept.write_text(json.dumps(results, indent=1))
-    parts = {"pictures": study_pictures, "scale": study_scale, "depth": study_depth, "smooth": study_smooth,
+    parts = {"pictures": study_pictures, "scale": study_scale, "depth": study_depth, "smooth": study_smooth, "sweep": study_sweep,
              "distance": lambda s: study_distance(s, arguments.mesh, results.setdefault("distance", {}), save)}
     if arguments.anderson:
         parts["anderson"] = lambda s: study_anderson(s, arguments.anderson.resolve())
