@@ -26,6 +26,8 @@ constexpr int kAgain = 8;                                   // so many iteration
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
+constexpr int kSoon = 3;                                    // iterations in which the memory is updated again only where the gradient is
+constexpr double kClear = 0.3;                              // so far below what is asked: else the two keep each other moving
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
 constexpr double kStiffest = 16;                            // at most this much
@@ -85,6 +87,7 @@ class Solver {
       return rest_.rest;
     }
     descend(now);
+    if (contacts_.longest_way() > 0) figures_.enclosed = contacts_.enclosed();  // let through on the way in
     figures_.volume = contacts_.volume_error();
     figures_.gradient = relative(now);
     figures_.penetration = now.contact.deepest / rest_.diagonal;
@@ -357,6 +360,8 @@ class Solver {
       if (now.contact.active == 0) continue;
       if (step % kWayRenewal == 0 || !metric_) renew_metric();
       iterate(now);
+      contacts_.update_memory();  // else the flesh that is carried along gets past a collider's middle: a penalty alone gives way
+      now = balance(u_, gradient_);
     }
     figures_.way_in = figures_.iterations;
     if (steps > 0) renew_metric();
@@ -395,7 +400,7 @@ class Solver {
         return;
       }
       if ((off || std::abs(contacts_.volume_error()) > kVolume) &&
-          (relative(now) <= settings_.memory_gradient || since_update >= settings_.memory_interval)) {
+          (relative(now) <= settings_.memory_gradient * (since_update < kSoon ? kClear : 1) || since_update >= settings_.memory_interval)) {
         update_memory(now);
         since_update = 0;
       }

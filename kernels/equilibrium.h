@@ -92,7 +92,7 @@ struct EquilibriumFigures {
   int metrics = 0;          // made for this frame
   int way_in = 0;           // iterations that the colliders needed to come in from outside (kernels/approach.h), of all
   size_t undecided = 0;     // colliders that are in so deep that their side cannot be told: the nearest way out was taken
-  size_t enclosed = 0;      // colliders that lie inside M at rest without touching it: nothing says that they should
+  size_t enclosed = 0;      // colliders that lie inside M at rest without touching it, where nothing says that they should, or that it let through
   std::string ended;        // rest, rounding (no step moves anything that float32 sees), iterations, stalled, no contact
   double gradient = 0;      // relative to the contact forces
   double step = 0;          // the last one's largest displacement over M's diagonal

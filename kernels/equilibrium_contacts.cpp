@@ -207,12 +207,14 @@ size_t EquilibriumContacts::enclosed() const {
     lower = {std::min(lower.x, y.x), std::min(lower.y, y.y), std::min(lower.z, y.z)};
     upper = {std::max(upper.x, y.x), std::max(upper.y, y.y), std::max(upper.z, y.z)};
   }
-  const std::vector<float> distances = this->distances();
+  const std::vector<float> memory = read(body_.memory, body_.count * samples()), distances = this->distances();
   Executor& host = on_host() ? executor_ : stand_in();
   size_t count = 0;
   for (size_t k = 0; k < colliders_.size(); ++k) {
-    const float* distance = distances.data() + k * samples();
-    if (std::any_of(distance, distance + samples(), [](float phi) { return phi < 0; })) continue;
+    const auto pushes = [&](size_t i) { return body_.push_of(memory[i] - distances[i]).push > 0; };
+    size_t i = k * samples();
+    while (i < (k + 1) * samples() && !pushes(i)) ++i;
+    if (i < (k + 1) * samples()) continue;
     const Vec3f c = body_.colliders[k].centre;
     if (c.x < lower.x || c.y < lower.y || c.z < lower.z || c.x > upper.x || c.y > upper.y || c.z > upper.z) continue;  // most frames without contact
     count += rest_.searchable(host).inside(rest_.to_local.apply(to_double(body_.colliders[k].centre)));

@@ -32,7 +32,7 @@ class EquilibriumContacts {
   // inside, if these agree: its samples are held by the way in, not by the nearest way out. Whether there is one; call at rest, after evaluate.
   bool find_entries(const Vec3d& given);
   size_t undecided() const { return undecided_; }  // colliders of which neither says where they came in
-  size_t enclosed() const;        // colliders that lie in M at rest and touch nothing; call at rest, after evaluate
+  size_t enclosed() const;        // colliders that lie in M as it is at rest and touch nothing; call after evaluate
   double longest_way() const;     // of those that can stand back, cells
   void stand_back(double share);  // by this share of their ways
   bool by_entries() const { return body_.exits != nullptr; }
