@@ -21,6 +21,7 @@ constexpr int kBulkInterval = 10;                           // iterations betwee
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
 constexpr int kRenewal = 2;                                 // as many it is until it does so again;
+constexpr int kStartedRenewal = 16;                         // the first one where it began nearly there, with a metric of that shape;
 constexpr double kAstray = 0.3;                             // or where refused steps have scaled it down to this,
 constexpr int kAgain = 8;                                   // so many iterations after the last time
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
@@ -368,7 +369,7 @@ class Solver {
   }
 
   void descend(Evaluation& now) {
-    int since_update = 0, still = 0, renewal = kFirstRenewal, renewed = 0;
+    int since_update = 0, still = 0, renewal = figures_.started ? kStartedRenewal : kFirstRenewal, renewed = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
       if (done == kFirstRenewal && contacts_.by_entries()) {  // the shape has the right side by now
