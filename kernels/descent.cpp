@@ -35,8 +35,7 @@ void Descent::renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, cons
   reduce(executor_, rest_.places, BulkOver{bulk_.data(), bulk_solved_.data(), contacts.volume_compliance(), history_.data_for_write()});
 }
 
-void Descent::make(const Multigrid& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope,
-                           Row4* work) {
+void Descent::make(const Multigrid& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work) {
   const size_t n = rest_.places;
   History* history = history_.data_for_write();
   Row4 *g = gradient.data(), *d = direction.data();

@@ -1,5 +1,6 @@
 // L-BFGS: the two loops over the remembered pairs (Nocedal 1980) by inner products, so that a direction takes a handful of launches and of passes over
-// memory whatever it remembers, and on a device the host has no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only s.g, y.r and s.y.
+// memory whatever it remembers, and on a device the host has no part in it. With q = g - sum alpha y and r = M q, the factors of either loop need only
+// s.g, y.r and s.y. The host sums pieces (`over`), devices rows.
 #pragma once
 #include "kernels/rows4.h"
 

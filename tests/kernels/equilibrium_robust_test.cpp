@@ -171,6 +171,23 @@ TEST(EquilibriumRobust, ItsMetricFollowsTheShape) {
   EXPECT_LT(pressed.figures.iterations, 75);
 }
 
+// What the rule of rest leaves, in the mean over M: a part of the diagonal.
+TEST(EquilibriumRobust, IsNearlyThereWhenItSaysRest) {
+  Pressed pressed(make_sphere(1, 3), {}, 4);
+  const Sdf above = ball(0.5, {0.05, 1.15, 0.02});
+  pressed.by({&above}, "default rule");
+  EXPECT_EQ(pressed.figures.ended, "rest");
+  const std::vector<Vec3f> at_rest(pressed.points.host().begin(), pressed.points.host().end());
+  pressed.settings.gradient = 1e-6;
+  pressed.settings.displacement = pressed.settings.penetration = 0;
+  pressed.settings.max_iterations = 400;
+  pressed.by({&above}, "far beyond it");
+  double squares = 0;
+  for (size_t i = 0; i < at_rest.size(); ++i) squares += std::pow(static_cast<double>(length(at_rest[i] - pressed.points.host()[i])), 2);
+  const double off = std::sqrt(squares / static_cast<double>(at_rest.size())) / pressed.built.lattice.rest.diagonal();
+  EXPECT_LT(off, 1e-5);
+}
+
 // A contact is as stiff as its share of the area, and one with hardly any would hold up all others.
 TEST(EquilibriumRobust, VerticesOfNoTriangleSettleAsSoonAsOthers) {
   const Surface loose = mended(make_sphere(1, 3), [](auto& p, auto&) {
