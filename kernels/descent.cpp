@@ -19,12 +19,13 @@ PairRows Descent::pairs() {
   return {steps_.data_for_write(), changes_.data_for_write(), rest_.places};
 }
 
-void Descent::remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after) {
+void Descent::remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after, double along) {
   ring_ = {std::min(ring_.pairs + 1, History::kMost), (ring_.newest + 1) % History::kMost};
   const size_t at = size_t{ring_.newest} * rest_.places;
   reduce(executor_, rest_.places,
          RememberPair{pairs(), ring_, before.data(), after.data(), gradient_before.data(), gradient_after.data(), steps_.data_for_write() + at,
-                      changes_.data_for_write() + at, history_.data_for_write()});
+                      changes_.data_for_write() + at, history_.data_for_write(), along});
+  parallel_for(executor_, rest_.places, "damp_pair", DampPair{changes_.data_for_write() + at, gradient_before.data(), history_.data_for_write()});
 }
 
 void Descent::renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, Row4* work) {

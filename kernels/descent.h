@@ -10,7 +10,8 @@ class Descent {
  public:
   Descent(Executor& executor, const EquilibriumRest& rest);
 
-  void remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after);
+  // After make and a step `along` its direction.
+  void remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after, double along);
   void forget() { ring_.pairs = 0; }
   bool remembers() const { return ring_.pairs > 0; }
   // What the enclosed volume adds to `metric`.

@@ -319,6 +319,7 @@ class Solver {
       if (!(slope < 0)) return false;
       const bool lower = next.energy <= now.energy + kArmijo * along * slope + kEnergyRounding * std::abs(now.energy);
       if (lower) {
+        along_ = along;
         scale_ = attempt > 0 ? std::max(0.1, kShorter * scale_) : std::min(1.0, kLonger * scale_);
         return true;
       }
@@ -339,7 +340,7 @@ class Solver {
       if (search(now, next)) {
         ++figures_.iterations;
         figures_.step = seen_.step / rest_.diagonal;
-        descent_.remember(u_, trial_, gradient_, trial_gradient_);
+        descent_.remember(u_, trial_, gradient_, trial_gradient_, along_);
         std::swap(u_, trial_);
         std::swap(gradient_, trial_gradient_);
         now = next;
@@ -427,7 +428,7 @@ class Solver {
   Buffer<float> blocks_;
   Buffer<Row4> work_;
   std::vector<ElasticSum> parts_;
-  double scale_ = 1;
+  double scale_ = 1, along_ = 1;  // of the metric; of the last direction, the last step
   int updates_since_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;

@@ -8,9 +8,12 @@ namespace knead {
 
 struct History {
   static constexpr uint32_t kMost = 8;  // pairs: twice as many save no iteration
+  static constexpr double kLeastCurvature = 0.2;  // of the curvature that the metric had along a step: what its pair says at least
   double sy[kMost][kMost];               // s_i . y_j, of pairs i that are not younger than j
   double over[kMost];                    // 1 / s.y; 0 of a pair without use
   double alpha[kMost], factor[kMost];    // of y in q, and of s in the direction
+  double steep[kMost];                   // s . g of the last direction
+  double kept, added;                    // of the newest pair's y and of the gradient before, what y is made of instead
   double bulk, bulk_over;                // of the enclosed volume's part: its gradient times r, and what that is divided by
 };
 
@@ -23,12 +26,13 @@ struct Ring {
 
 struct HistoryDots {
   double of[History::kMost] = {};
-  double steps = 0, changes = 0;  // squares of the new pair
+  double steps = 0, changes = 0, steep = 0;  // squares of the new pair, and its step times the gradient before
 };
 KNEAD_HD HistoryDots added(HistoryDots a, const HistoryDots& b) {
   for (uint32_t k = 0; k < History::kMost; ++k) a.of[k] += b.of[k];
   a.steps += b.steps;
   a.changes += b.changes;
+  a.steep += b.steep;
   return a;
 }
 KNEAD_HD double product(const Row4* a, const Row4* b, size_t p) {
@@ -62,7 +66,9 @@ struct PairRows {
   }
 };
 
-// Stores the step that was taken and the change of the gradient in the newest slot.
+// Stores the step that was taken and the change of the gradient in the newest slot. Where the energy bends less along it than a part of what the metric
+// thought, or downwards as by a saddle, the change is mixed with the metric's own B s so that this part is left (Powell 1978): the next step along it is
+// longer, but not out of all proportion. B s is -along g, since s = -along B^-1 g.
 struct RememberPair {
   static constexpr const char* kKernel = "remember_pair";
   PairRows rows;
@@ -70,6 +76,7 @@ struct RememberPair {
   const Row4 *before, *after, *gradient_before, *gradient_after;
   Row4 *step, *change;  // the newest slot's
   History* history;
+  double along;  // of the direction, the step
 
   KNEAD_HD HistoryDots operator()(uint32_t p) const {
     store(p);
@@ -78,6 +85,7 @@ struct RememberPair {
       if (ring.has(k)) dots.of[k] = product(rows.step(k), change, p);
     dots.steps = product(step, step, p);
     dots.changes = product(change, change, p);
+    dots.steep = product(step, gradient_before, p);
     return dots;
   }
   HistoryDots over(size_t begin, size_t end) const {
@@ -85,6 +93,7 @@ struct RememberPair {
     HistoryDots dots = rows.with_steps(ring, change, begin, end);
     dots.steps = product(step, step, begin, end);
     dots.changes = product(change, change, begin, end);
+    dots.steep = product(step, gradient_before, begin, end);
     return dots;
   }
   KNEAD_HD void store(size_t p) const {
@@ -93,9 +102,29 @@ struct RememberPair {
   }
   static KNEAD_HD HistoryDots combine(const HistoryDots& a, const HistoryDots& b) { return added(a, b); }
   KNEAD_HD void finish(const HistoryDots& dots) const {
-    for (uint32_t age = 0; age < ring.pairs; ++age) history->sy[ring.slot(age)][ring.newest] = dots.of[ring.slot(age)];
-    const double sy = dots.of[ring.newest];
+    const double straight = dots.of[ring.newest], expected = -along * dots.steep;
+    const bool damped = straight < History::kLeastCurvature * expected;
+    history->kept = damped ? (1 - History::kLeastCurvature) * expected / (expected - straight) : 1;
+    history->added = (history->kept - 1) * along;
+    history->steep[ring.newest] = dots.steep;
+    for (uint32_t age = 0; age < ring.pairs; ++age) {
+      const uint32_t i = ring.slot(age);
+      history->sy[i][ring.newest] = history->kept * dots.of[i] + history->added * history->steep[i];
+    }
+    const double sy = history->sy[ring.newest][ring.newest];
     history->over[ring.newest] = sy > 1e-10 * sqrt(dots.steps * dots.changes) ? 1 / sy : 0;
+  }
+};
+
+// What RememberPair makes of the newest pair's change of the gradient.
+struct DampPair {
+  static constexpr const char* kKernel = "damp_pair";
+  Row4* change;
+  const Row4* gradient_before;
+  const History* history;
+  KNEAD_HD void operator()(uint32_t p) const {
+    if (history->kept == 1) return;
+    put_quad(change, p, quad_at(change, p) * static_cast<float>(history->kept) + quad_at(gradient_before, p) * static_cast<float>(history->added));
   }
 };
 
@@ -118,7 +147,7 @@ struct FirstLoop {
   KNEAD_HD void finish(const HistoryDots& dots) const {
     for (uint32_t age = 0; age < ring.pairs; ++age) {
       const uint32_t i = ring.slot(age);
-      double along = dots.of[i];
+      double along = history->steep[i] = dots.of[i];
       for (uint32_t younger = 0; younger < age; ++younger) along -= history->alpha[ring.slot(younger)] * history->sy[i][ring.slot(younger)];
       history->alpha[i] = along * history->over[i];
     }
