@@ -24,7 +24,7 @@ constexpr int kRenewal = 2;                                 // as many it is unt
 constexpr int kStartedRenewal = 16;                         // the first one where it began nearly there, with a metric of that shape;
 constexpr double kAstray = 0.3;                             // or where refused steps have scaled it down to this,
 constexpr int kAgain = 8;                                   // so many iterations after the last time
-constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration,
+constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration at most,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kSoon = 3;                                    // iterations in which the memory is updated again only where the gradient is
@@ -352,11 +352,22 @@ class Solver {
     }
   }
 
-  // Colliders that stand back come to their places.
+  // With the body at rest.
+  bool free_at(double share) {
+    contacts_.stand_back(share);
+    listed_ = false;
+    balance(u_, gradient_);
+    return contacts_.stand_free();
+  }
+
+  // Colliders that stand back come to their places. Their ways lead out of what they are in there; what they pass before may take more.
   void come_in(Evaluation& now) {
-    const int steps = static_cast<int>(std::ceil(contacts_.longest_way() / (kStride * rest_.diagonal)));
-    for (int step = 1; step <= steps; ++step) {
-      contacts_.stand_back(1 - static_cast<double>(step) / steps);
+    const int steps = contacts_.steps_in(kStride * rest_.diagonal);
+    const auto share_after = [&](int step) { return 1 - static_cast<double>(step) / steps; };
+    int first = 1;
+    while (steps > 0 && first > 1 - steps && !free_at(share_after(first - 1))) --first;
+    for (int step = first; step <= steps; ++step) {
+      contacts_.stand_back(share_after(step));
       listed_ = false;
       now = evaluate(u_, gradient_);
       if (now.contact.active == 0) continue;

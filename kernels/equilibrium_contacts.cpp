@@ -17,6 +17,8 @@ constexpr double kGapPressure = 0.5;  // up to which a contact keeps some of its
 constexpr float kMostOfBand = 0.5f;    // of a field's outside band that the gap may take
 constexpr size_t kFewSamples = ContactEnergy::kGrain;
 constexpr double kDeep = 2.1;          // a way in that is so many times as long as the nearest way out of what is deepest is gone step by step
+constexpr double kOfThickness = 0.25;  // of a collider's half thickness: how far it comes in at a time,
+constexpr double kMostSteps = 100;     // but in no more steps than this on its account
 constexpr float kNearby = 0.2f;       // cells: samples as near to a collider as this share a state's pushes
 constexpr double kOneSide = 0.3;    // of their area: how far the samples inside a collider must agree on the way in
 
@@ -226,6 +228,30 @@ double EquilibriumContacts::longest_way() const {
   double longest = 0;
   for (const Vec3d& way : ways_) longest = std::max(longest, length(way));
   return longest;
+}
+
+// How far a collider may come in at a time, cells: else flesh gets past its middle, and stays on the wrong side with tets inside out.
+double EquilibriumContacts::most_at_a_time(size_t k) const {
+  return kOfThickness * static_cast<double>(colliders_[k]->inside_depth) * static_cast<double>(body_.colliders[k].scale);
+}
+
+int EquilibriumContacts::steps_in(double stride) const {
+  double steps = 0;
+  for (size_t k = 0; k < ways_.size(); ++k) {
+    const double way = length(ways_[k]), most = most_at_a_time(k);
+    steps = std::max({steps, way / stride, most > 0 ? std::min(way / most, kMostSteps) : 0});
+  }
+  return static_cast<int>(std::ceil(steps));
+}
+
+bool EquilibriumContacts::stand_free() const {
+  const std::vector<float> distances = this->distances();
+  for (size_t k = 0; k < ways_.size(); ++k) {
+    const float* distance = distances.data() + k * samples();
+    const double deepest = -static_cast<double>(*std::min_element(distance, distance + samples()));
+    if (length(ways_[k]) > 0 && deepest > most_at_a_time(k)) return false;
+  }
+  return true;
 }
 
 void EquilibriumContacts::stand_back(double share) {

@@ -34,6 +34,8 @@ class EquilibriumContacts {
   size_t undecided() const { return undecided_; }  // colliders of which neither says where they came in
   size_t enclosed() const;        // colliders that lie in M as it is at rest and touch nothing; call after evaluate
   double longest_way() const;     // of those that can stand back, cells
+  int steps_in(double stride) const;  // for these ways, of at most `stride`, cells, and a part of the collider's half thickness
+  bool stand_free() const;        // none of them is in deeper than that part; after evaluate
   void stand_back(double share);  // by this share of their ways
   bool by_entries() const { return body_.exits != nullptr; }
   void forget_entries() { body_.exits = nullptr; }
@@ -67,6 +69,7 @@ class EquilibriumContacts {
   size_t samples() const { return rest_.samples.size(); }
   bool on_host() const { return executor_.device() == Device{}; }
   std::vector<float> read(const float* values, size_t n) const;
+  double most_at_a_time(size_t collider) const;
   std::vector<float> distances() const { return read(body_.distance, body_.count * samples()); }
 
   Executor& executor_;
