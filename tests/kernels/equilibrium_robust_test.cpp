@@ -247,6 +247,40 @@ TEST(EquilibriumRobust, FollowsABallThatIsSweptIn) {
   EXPECT_EQ(pressed.figures.enclosed, 1u);
 }
 
+Sdf ring(double radius, double tube, const Vec3d& at) {
+  const auto executor = make_serial_executor();
+  SdfPlan plan;
+  plan.voxel_size = tube / 6;
+  plan.lower = {-radius - tube, -tube, -radius - tube};
+  plan.upper = {radius + tube, tube, radius + tube};
+  Sdf sdf = build_sdf(*executor, plan, [&](const Vec3d& p, uint32_t&) { return std::hypot(std::hypot(p.x, p.z) - radius, p.y) - tube; });
+  sdf.placement.translation = at;
+  return sdf;
+}
+
+// A ring that has cut off a cap of a ball: in steps as long as half its thickness flesh gets past its middle, or is let through.
+TEST(EquilibriumRobust, ThinCollidersKeepTheFleshOnItsSide) {
+  Pressed pressed(make_sphere(1, 4), {}, 4);
+  for (const double tube : {0.06, 0.08, 0.1}) {
+    const Sdf in = ring(0.4, tube, {0.1, 0.8, 0.05});
+    pressed.by({&in}, "tube of " + std::to_string(tube));
+    EXPECT_EQ(pressed.figures.ended, "rest") << tube;
+    EXPECT_GT(pressed.figures.way_in, 0) << tube;
+    EXPECT_LT(pressed.figures.iterations - pressed.figures.way_in, 75) << tube;
+    EXPECT_GT(pressed.figures.least_volume, 0.6) << tube;
+    EXPECT_LT(pressed.figures.least_volume, 0.9) << tube << ": let through";
+  }
+}
+
+// Many contacts on few vertices of H fill their memories slowly, unless they become stiff.
+TEST(EquilibriumRobust, SettlesWhereHIsTooCoarseForItsContacts) {
+  Pressed pressed(make_sphere(1, 5), {}, 3);
+  const Sdf in = ball(0.3, {0.05, 1.2, 0.02});
+  pressed.by({&in}, "coarse");
+  EXPECT_EQ(pressed.figures.ended, "rest");
+  EXPECT_LT(pressed.figures.iterations, 68);
+}
+
 // Told where it came in, flesh goes along with a ball, as far as it can; what it lets through in the end is counted.
 TEST(EquilibriumRobust, CountsWhatItLetThroughOnTheWayIn) {
   Pressed pressed(make_sphere(1, 3), {}, 4);
