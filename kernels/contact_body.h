@@ -46,7 +46,8 @@ struct ContactEnergy {
   float gap;        // where a push begins, cells; 0: at touch
   float gentle;     // how steep the push is there, relative to `stiffness`
   float friction;   // the pull along the collider's surface, at most, over the push that is remembered; 0: none, then `stuck` and `began` are null
-  Row4* normal;     // [colliders][samples] out of the collider, unit
+  uint32_t known;   // whether `distance` and `normal` are of this place already: only the memory is another
+  Row4* normal;     // [colliders][samples] out of the collider, unit, where it pushes; its fourth is how long the distance's gradient is
   const Row4* stuck;    // [colliders][samples] `normal` when the memory was updated
   const float* began;  // [colliders][samples] how far along `entry` from rest the contact began, cells; negative: it is not known
 
@@ -90,10 +91,11 @@ struct ContactEnergy {
     return bound * size - 0.5f * bound * bound;
   }
 
-  // How far sample s may move without a push by any collider, to be on the safe side, cells; at most `skin`, which is within the colliders' bands.
-  KNEAD_HD float room(uint32_t s, float skin) const {
+  // How far H may travel without a push by any collider on sample s, to be on the safe side, cells.
+  KNEAD_HD float room(uint32_t s) const {
     const Vec3f y = rest[s] + moved(s);
-    float least = skin;
+    float least = kFar, reach = 1;  // what H travels, a sample outside of it may go farther
+    for (uint32_t e = offsets[s]; e < offsets[s + 1]; ++e) reach += weights[e] < 0 ? -2 * weights[e] : 0.0f;
     for (uint32_t k = 0; k < count; ++k) {
       const size_t at = static_cast<size_t>(k) * samples + s;
       if (exits && exits[at] >= 0) return 0;
@@ -101,7 +103,7 @@ struct ContactEnergy {
       const float room = sampler.least(CollidePush::to_index(colliders[k], y)) * colliders[k].scale - margin - gap - memory[at];
       least = room < least ? room : least;
     }
-    return least > 0 ? least : 0.0f;
+    return least > 0 ? least / reach : 0.0f;
   }
 
   // Sample s does not push.
@@ -125,14 +127,22 @@ struct ContactEnergy {
       const size_t at = static_cast<size_t>(k) * samples + s;
       const float lambda = memory[at], to_cells = c.scale;
       float phi = kFar;
-      SdfSampler sampler(c.sdf);
-      const Vec3d p = to_index(c, y);
-      Vec3f slope{0, 0, 0};
-      const bool by_entry = exits && exits[at] >= 0;
-      if (by_entry)
+      Vec3f out{0, 0, 0};
+      if (known) {
+        phi = distance[at];
+        out = normal[at].w * to_vec(normal[at]);
+      } else if (exits && exits[at] >= 0) {
         phi = dot(entry[k], move) - exits[at];
-      else if (sampler.reaches(to_float(p), (lambda + gap + margin) / to_cells))
-        phi = sampler.spline(p, slope) * to_cells - margin;
+        out = entry[k];
+      } else {
+        SdfSampler sampler(c.sdf);
+        const Vec3d p = to_index(c, y);
+        if (lambda > 0 || sampler.reaches(to_float(p), (gap + margin) / to_cells)) {
+          Vec3f slope;
+          phi = sampler.spline(p, slope) * to_cells - margin;
+          out = to_cells * CollidePush::from_index(c, slope);
+        }
+      }
       distance[at] = phi;
       const Push next = push_of(lambda - phi);
       const float change = next.push > lambda ? next.push - lambda : lambda - next.push;
@@ -146,9 +156,12 @@ struct ContactEnergy {
         const float pull = stiffness * area[s] * next.push;
         sum.energy += static_cast<double>(stiffness * area[s]) * static_cast<double>(next.energy);
         ++sum.active;
-        const Vec3f out = by_entry ? entry[k] : c.scale * CollidePush::from_index(c, slope);
         push -= pull * out;
-        normal[at] = to_row((1 / fmaxf(length(out), 1e-20f)) * out);
+        if (!known) {
+          const float size = length(out);
+          normal[at] = to_row((1 / (size > 1e-20f ? size : 1e-20f)) * out);
+          normal[at].w = size;
+        }
       }
       if (friction > 0 && lambda > 0 && began[at] >= 0) {
         Vec3f back{0, 0, 0};
@@ -179,15 +192,15 @@ struct ContactEnergy {
   }
 };
 
-// How far every sample may move before it is in contact.
+// How far H may travel before a sample is in contact. Of those far from all colliders it is known from the last time.
 struct ContactRoom {
   static constexpr const char* kKernel = "contact_list";
   ContactEnergy contact;
   float* slack;
-  float skin;
-  uint32_t unused = 0;
+  float skin, travelled;  // since the last time, at most; negative: colliders have moved since
   KNEAD_HD void operator()(uint32_t s) const {
-    slack[s] = contact.room(s, skin);
+    const float left = slack[s] - travelled;
+    slack[s] = travelled >= 0 && left >= skin ? left : contact.room(s);
     if (!(slack[s] < skin)) contact.leave_out(s);
   }
 };
@@ -198,7 +211,8 @@ struct ContactMemory {
   ContactEnergy contact;
   float *memory, *slack;
   Row4* stuck;  // null: no friction
-  KNEAD_HD void operator()(uint32_t s) const {
+  KNEAD_HD void operator()(uint32_t place) const {
+    const uint32_t s = contact.list ? contact.list[place] : place;
     for (uint32_t k = 0; k < contact.count; ++k) {
       const size_t at = static_cast<size_t>(k) * contact.samples + s;
       memory[at] = contact.push_of(memory[at] - contact.distance[at]).push;

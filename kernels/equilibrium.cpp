@@ -17,7 +17,7 @@
 namespace knead {
 namespace {
 
-constexpr int kBulkInterval = 10;                           // iterations between two looks at where the enclosed volume would grow
+constexpr int kBulkInterval = 10;                           // iterations after which it is looked at again where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
 constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
 constexpr int kRenewal = 2;                                 // as many it is until it does so again;
@@ -93,7 +93,7 @@ class Solver {
     figures_.gradient = relative(now);
     figures_.penetration = now.contact.deepest / rest_.diagonal;
     figures_.least_volume = now.least_volume;
-    figures_.energy = now.energy;
+    figures_.energy = now.energy - now.contact.energy;
     figures_.contacts = now.contact.active;
     figures_.seconds = std::chrono::duration<double>(Clock::now() - start).count();
     return positions();
@@ -180,21 +180,21 @@ class Solver {
   EquilibriumSums& sums() { return *sums_.data_for_write(); }  // in the executor's memory
 
   // Samples out of reach are looked at again when H has moved far enough. A device has not told how far that is: see balance.
-  void evaluate_contacts(Rows& u) {
+  void evaluate_contacts(Rows& u, bool again) {
     ScopedTime time(figures_.contact_seconds);
-    if (!listed_) list_contacts(u);
+    if (!listed_) list_contacts(u, -1);
     measure(u, listed_at_, &sums().travelled);
     if (on_host() && !(sums().travelled < contacts_.skin())) {
-      list_contacts(u);
+      list_contacts(u, sums().travelled);
       sums().travelled = 0;
     }
-    contacts_.evaluate(u.data());
+    contacts_.evaluate(u.data(), again);
   }
 
-  void list_contacts(Rows& u) {
+  void list_contacts(Rows& u, float travelled) {
     listed_ = true;
     parallel_for(executor_, rest_.places, "copy_quads", CopyQuads{u.data(), listed_at_.data()});
-    contacts_.list_samples(u.data());
+    contacts_.list_samples(u.data(), travelled);
   }
 
   void measure(Rows& from, Rows& to, float* farthest) { reduce(executor_, rest_.places, Farthest{from.data(), to.data(), farthest}); }
@@ -228,11 +228,11 @@ class Solver {
     return balance(u, gradient);
   }
 
-  // The rest of an evaluation at the place of the last elastic one, and the host's look at what came of it.
-  Evaluation balance(Rows& u, Rows& gradient) {
+  // The rest of an evaluation at the place of the last elastic one, and the host's look at what came of it. `again`: only memories have changed since.
+  Evaluation balance(Rows& u, Rows& gradient, bool again = false) {
     for (;;) {
       const bool fresh = !listed_;
-      evaluate_contacts(u);
+      evaluate_contacts(u, again);
       gather(u, gradient);
       look();
       if (on_host() || fresh || seen_.travelled < contacts_.skin()) break;
@@ -271,7 +271,7 @@ class Solver {
     contacts_.update_memory();
     ++figures_.updates;
     stiffen(now.contact.change);
-    now = balance(u_, gradient_);
+    now = balance(u_, gradient_, true);
   }
 
   double relative(const Evaluation& at) const { return at.load > 0 ? at.gradient / at.load : 0; }
@@ -300,6 +300,7 @@ class Solver {
   }
 
   void renew_bulk() {
+    bulk_at_ = figures_.iterations;
     if (contacts_.keeps_volume()) descent_.renew_bulk(*metric_, lanes_, contacts_, work_.data_for_write());
   }
 
@@ -374,7 +375,7 @@ class Solver {
       if (step % kWayRenewal == 0 || !metric_) renew_metric();
       iterate(now);
       contacts_.update_memory();  // else the flesh that is carried along gets past a collider's middle: a penalty alone gives way
-      now = balance(u_, gradient_);
+      now = balance(u_, gradient_, true);
     }
     figures_.way_in = figures_.iterations;
     if (steps > 0) renew_metric();
@@ -393,7 +394,7 @@ class Solver {
         renewed = done;
         if (done == renewal) renewal *= kRenewal;
       }
-      if (done % kBulkInterval == 0 && done > 0) renew_bulk();
+      if (figures_.iterations >= bulk_at_ + kBulkInterval) renew_bulk();
       if (!iterate(now)) {
         figures_.ended = "stalled";
         return;
@@ -440,7 +441,7 @@ class Solver {
   Buffer<Row4> work_;
   std::vector<ElasticSum> parts_;
   double scale_ = 1, along_ = 1;  // of the metric; of the last direction, the last step
-  int updates_since_ = 0;
+  int updates_since_ = 0, bulk_at_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
   std::optional<Hessian> deformed_;     // in place of the rest shape's

@@ -99,7 +99,7 @@ struct EquilibriumFigures {
   double penetration = 0;   // of M's samples over its diagonal, in the fields' own interpolant
   bool started = false;     // from settings.start
   double least_volume = 1;  // smallest V / V0 of a tet
-  double energy = 0;
+  double energy = 0;        // of the deformed body, elastic and hold: that of contacts depends on how stiff they have become
   double volume = 0;  // error of the enclosed volume, relative; 0 when it is not kept
   size_t contacts = 0;
   double elastic_seconds = 0, contact_seconds = 0, direction_seconds = 0, renewal_seconds = 0, seconds = 0;

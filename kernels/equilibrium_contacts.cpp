@@ -84,8 +84,9 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.gentle = static_cast<float>(kGapPressure * (1 + rest_.bulk) / std::max(1e-20, static_cast<double>(body_.gap) * body_.stiffness));
 }
 
-void EquilibriumContacts::evaluate(const Row4* u) {
+void EquilibriumContacts::evaluate(const Row4* u, bool again) {
   body_.u = u;
+  body_.known = again;
   reduce(executor_, on_host() ? list_.size() : samples(), body_);
   if (keeps_volume()) add_volume();
   if (on_host()) spread();
@@ -121,10 +122,10 @@ void EquilibriumContacts::spread() {
   }
 }
 
-void EquilibriumContacts::list_samples(const Row4* u) {
+void EquilibriumContacts::list_samples(const Row4* u, float travelled) {
   body_.u = u;
   float* slack = slack_.data_for_write();
-  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, slack, skin_});
+  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, slack, skin_, travelled});
   if (!on_host()) return;
   list_.clear();
   for (uint32_t s = 0; s < samples(); ++s)
@@ -307,7 +308,7 @@ void EquilibriumContacts::stick() {
 
 void EquilibriumContacts::update_memory() {
   Row4* stuck = body_.friction > 0 ? stuck_.data_for_write() : nullptr;
-  parallel_for(executor_, samples(), "contact_memory", ContactMemory{body_, memory_.data_for_write(), slack_.data_for_write(), stuck});
+  parallel_for(executor_, on_host() ? list_.size() : samples(), "contact_memory", ContactMemory{body_, memory_.data_for_write(), slack_.data_for_write(), stuck});
   parallel_for(executor_, 1, "remember_volume", RememberVolume{&sums_->volume});
 }
 

@@ -17,15 +17,16 @@ class EquilibriumContacts {
                       const EquilibriumSettings& settings, EquilibriumSums* sums, const EquilibriumSums& seen);
 
   // Forces with H displaced by u, and their energy to `sums`, where `travelled` says how far any vertex of H has gone since the last call of
-  // list_samples, or more. `sums` is in the executor's memory; what the host has last seen of it is in `seen`.
-  void evaluate(const Row4* u);
+  // list_samples, or more. `sums` is in the executor's memory; what the host has last seen of it is in `seen`. `again`: u is as it was the last time.
+  void evaluate(const Row4* u, bool again);
   // By place: the samples' forces. Null on a device, where every place gathers them.
   const Row4* pushes() const { return on_host() ? push_.host().data() : nullptr; }
   // By sample, to be added to that: on the host what acts on all vertices of M at once. Null when nothing does.
   const Row4* forces() const { return keeps_volume() || !on_host() ? force_.view(executor_.device()).data() : nullptr; }
 
-  // Finds the samples that may come in contact before H has travelled skin().
-  void list_samples(const Row4* u);
+  // Finds the samples that may come in contact before H has travelled skin(). `travelled`: how far it has since the last call, or more, cells; negative:
+  // there was none yet, or colliders have moved since.
+  void list_samples(const Row4* u, float travelled);
   float skin() const { return skin_; }
 
   // Where colliders came in: by `given` (world; zero: not given), else as kernels/approach.h finds it: these can stand back. Else by the normals of what is

@@ -16,7 +16,7 @@ namespace knead {
 struct SdfView {
   const nanovdb::NanoGrid<float>* grid = nullptr;
   Vec3f lower{0, 0, 0}, upper{0, 0, 0};  // outside this box (index space) every sample is the background
-  float voxel = 3.4e38f;                 // a voxel's width in the values' units; only `reaches` asks
+  float voxel = 3.4e38f;                 // a voxel's width in the values' units; only `reaches` and `least` ask
 };
 
 // One per thread: it remembers the last path through the tree.
@@ -85,9 +85,9 @@ class SdfSampler {
   // False when the spline at p is certainly above `value`: one voxel is looked at instead of 27. A distance grows by at most 1 a voxel's width.
   KNEAD_HD bool reaches(const Vec3f& p, float value) { return within(p) && least(p) < value; }
 
-  // The spline at p is not below this.
+  // The spline at p is not below this; outside the box it grows with the distance from it.
   KNEAD_HD float least(const Vec3f& p) {
-    if (!within(p)) return accessor_.root().background();
+    if (!within(p)) return accessor_.root().background() + view_.voxel * length(Vec3f{beyond(p.x, 0), beyond(p.y, 1), beyond(p.z, 2)});
     const float near = at(static_cast<int>(std::floor(p.x + 0.5f)), static_cast<int>(std::floor(p.y + 0.5f)), static_cast<int>(std::floor(p.z + 0.5f)));
     constexpr float kReach = 2.7f;  // voxels to the farthest of the 27, and then some for a field that is not quite a distance
     return near - kReach * view_.voxel;
@@ -107,8 +107,9 @@ class SdfSampler {
 
   // The 4 x 4 x 4 voxels from (x, y, z): they lie in one leaf, two, four or eight, which are looked up once each.
   struct Block {
-    const nanovdb::NanoLeaf<float>* leaves[8];
-    float tiles[8];  // the value where there is no leaf
+    const float* values[8];  // of a leaf, or the one of a tile,
+    uint32_t mask[8];        // where every offset is 0
+    float tiles[8];
     int x, y, z;
 
     KNEAD_HD Block(nanovdb::DefaultReadAccessor<float>& accessor, int first_x, int first_y, int first_z) : x(first_x), y(first_y), z(first_z) {
@@ -118,20 +119,28 @@ class SdfSampler {
           for (int c = 0; c <= last_z; ++c) {
             const nanovdb::Coord corner(x + 3 * a, y + 3 * b, z + 3 * c);
             const int n = 4 * a + 2 * b + c;
-            leaves[n] = accessor.probeLeaf(corner);
-            tiles[n] = leaves[n] ? 0.0f : accessor.getValue(corner);
+            const nanovdb::NanoLeaf<float>* leaf = accessor.probeLeaf(corner);
+            if (!leaf) tiles[n] = accessor.getValue(corner);
+            values[n] = leaf ? leaf->data()->mValues : tiles + n;
+            mask[n] = leaf ? ~0u : 0u;
           }
     }
+    Block(const Block&) = delete;
+    Block& operator=(const Block&) = delete;
     KNEAD_HD float at(int a, int b, int c) const {
       const int i = (x & 7) + a, j = (y & 7) + b, k = (z & 7) + c;
       const int n = (i >> 3) * 4 + (j >> 3) * 2 + (k >> 3);
-      return leaves[n] ? leaves[n]->getValue(static_cast<uint32_t>((i & 7) << 6 | (j & 7) << 3 | (k & 7))) : tiles[n];
+      return values[n][static_cast<uint32_t>((i & 7) << 6 | (j & 7) << 3 | (k & 7)) & mask[n]];
     }
   };
 
   // False for NaN too.
   KNEAD_HD bool within(const Vec3f& p) const {
     return p.x > view_.lower.x && p.y > view_.lower.y && p.z > view_.lower.z && p.x < view_.upper.x && p.y < view_.upper.y && p.z < view_.upper.z;
+  }
+  KNEAD_HD float beyond(float at, int axis) const {
+    const float below = view_.lower[axis] - at, above = at - view_.upper[axis];
+    return below > 0 ? below : above > 0 ? above : 0.0f;
   }
   static KNEAD_HD float mix(float a, float b, float t) { return a + t * (b - a); }
   static KNEAD_HD float interpolate(const float* c, float u, float v, float w) {

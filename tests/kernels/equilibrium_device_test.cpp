@@ -132,7 +132,10 @@ TEST_P(EquilibriumOnDevice, EndsAtTheHostsShapeWithSamplesFrictionPinsAndPaint) 
 
 TEST_P(EquilibriumOnDevice, ComesInTheHostsWay) {
   compare(Scene({above(1.0)}), "half sunk");
-  compare(Scene({ball(0.3, {0, 0.85, 0})}), "deep");
+  Scene deep({ball(0.3, {0, 0.85, 0})});
+  deep.settings.gradient = 1e-4;  // on a long way roundings grow to what the rule of rest leaves
+  deep.settings.penetration = 1e-6;
+  compare(deep, "deep");
   Scene swept({above(0.9)});
   swept.settings.entry = {0, -1, 0};
   swept.settings.friction = 0.3;
