@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <optional>
 
 #include "graph/error.h"
 #include "kernels/carry.h"
@@ -22,6 +21,7 @@ constexpr double kVolume = 1e-4;                            // relative error of
 constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
 constexpr int kRenewal = 2;                                 // as many it is until it does so again;
 constexpr int kStartedRenewal = 16;                         // the first one where it began nearly there, with a metric of that shape;
+constexpr int kForget = 9;                                  // until when pairs tell of a body that was far from the one that the metric follows
 constexpr double kAstray = 0.3;                             // or where refused steps have scaled it down to this,
 constexpr int kAgain = 8;                                   // so many iterations after the last time
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration at most,
@@ -282,7 +282,7 @@ class Solver {
       ScopedTime time(figures_.renewal_seconds);
       float* blocks = blocks_.data_for_write();
       contacts_.make_blocks(blocks);
-      metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_ ? *deformed_ : rest_.hessian, blocks);
+      metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_.gradients.empty() ? rest_.hessian : deformed_.now, blocks);
       ++figures_.metrics;
     }
     renew_bulk();
@@ -292,9 +292,9 @@ class Solver {
   void renew_for_shape() {
     {
       ScopedTime time(figures_.renewal_seconds);
-      deformed_ = rest_.hessian_at(executor_, u_.data());
+      metric_.reset();
+      rest_.follow(executor_, u_.data(), deformed_);
       scale_ = 1;
-      descent_.forget();  // its pairs tell of a body that was far from this one
     }
     renew_metric();
   }
@@ -391,6 +391,7 @@ class Solver {
       }
       if (done == renewal || (scale_ < kAstray && done >= renewed + kAgain)) {
         renew_for_shape();
+        if (done < kForget || done < renewal) descent_.forget();
         renewed = done;
         if (done == renewal) renewal *= kRenewal;
       }
@@ -444,7 +445,7 @@ class Solver {
   int updates_since_ = 0, bulk_at_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
-  std::optional<Hessian> deformed_;     // in place of the rest shape's
+  ShapeHessian deformed_;              // in place of the rest shape's, once it is not empty
   std::unique_ptr<Multigrid> metric_;  // of this frame's contacts
 };
 

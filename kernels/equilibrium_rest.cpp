@@ -10,7 +10,6 @@
 
 #include "graph/error.h"
 #include "kernels/energy_lanes.h"
-#include "kernels/hessian_body.h"
 #include "kernels/hold.h"
 #include "kernels/loop_points.h"
 #include "kernels/neighbour_table.h"
@@ -20,6 +19,7 @@ namespace knead {
 namespace {
 
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
+constexpr float kChanged = 0.1f;           // of TetGradients: a metric that is off by so much in some tets serves as well
 constexpr double kLeastVolume = 1e-5;      // of the diagonal's cube: a surface that encloses less has no volume to keep
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -250,13 +250,13 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   rest.grids = std::make_unique<MultigridGrids>(host, places, make_edges(tets, place, rest.free), rest.free, material.check_cancelled);
   find_slot_places(rest);
   rest.place_tables(host);
-  rest.hessian = rest.hessian_at(host, nullptr);
+  rest.make_rest_hessian(host);
   rest.grids->measure(host, energy_lanes(host), rest.hessian);
   if (!on_host) {
     rest.grids->place(executor);
     rest.rest = placed_copy(executor, tets.rest.host());
     rest.place_tables(executor);
-    rest.hessian = rest.hessian_at(executor, nullptr);
+    rest.make_rest_hessian(executor);
     executor.synchronise();  // other threads use them
   }
   rest.figures.metric_bytes = rest.grids->bytes();
@@ -265,16 +265,42 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   return made;
 }
 
-Hessian EquilibriumRest::hessian_at(Executor& executor, const Row4* u) const {
-  const MultigridLevel& finest = grids->levels().front();
-  Buffer<float> gradients(TetGradients::kFloats * stride, executor.memory()), entries(kBlock * finest.entries, executor.memory()),
+TetGradients EquilibriumRest::gradients_at(const Row4* u, float* to, uint8_t* changed) const {
+  return {u, on.corners, on.shape, on.mu, on.lambda, stride, to, changed, term, kChanged};
+}
+
+HessianRow EquilibriumRest::rows_of(const float* gradients, float* entries, float* diagonal, const uint8_t* changed_tets, uint8_t* changed) const {
+  return {gradients, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, grids->levels().front().a.offsets, entries, diagonal, changed_tets, changed};
+}
+
+void EquilibriumRest::make_rest_hessian(Executor& executor) {
+  Buffer<float> gradients(TetGradients::kFloats * stride, executor.memory()), entries(kBlock * grids->levels().front().entries, executor.memory()),
       diagonal(kBlock * size_t{places}, executor.memory());
   float* of_tets = gradients.data_for_write();
-  parallel_for(executor, stride, "tet_gradients", TetGradients{u, on.corners, on.shape, on.mu, on.lambda, stride, of_tets, term});
+  parallel_for(executor, stride, "tet_gradients", gradients_at(nullptr, of_tets, nullptr));
+  parallel_for(executor, places, "hessian_row", rows_of(of_tets, entries.data_for_write(), diagonal.data_for_write(), nullptr, nullptr));
+  hessian = make_hessian(executor, *grids, std::move(entries), std::move(diagonal));
+}
+
+void EquilibriumRest::follow(Executor& executor, const Row4* u, ShapeHessian& shape) const {
+  if (shape.gradients.empty()) {
+    const auto copy = [&](const Buffer<float>& from) {
+      Buffer<float> to(from.size(), executor.memory());
+      parallel_for(executor, from.size(), "add_floats", AddFloats{from.view(executor.device()).data(), nullptr, to.data_for_write()}, size_t{1} << 14);
+      return to;
+    };
+    shape.now = {copy(hessian.entries), copy(hessian.diagonal), copy(hessian.coarse_entries), copy(hessian.coarse_diagonal)};
+    shape.gradients = Buffer<float>(TetGradients::kFloats * stride, executor.memory());
+    shape.changed_tets = Buffer<uint8_t>(stride, executor.memory());
+    shape.changed = Buffer<uint8_t>(places, executor.memory());
+    parallel_for(executor, stride, "tet_gradients", gradients_at(nullptr, shape.gradients.data_for_write(), nullptr));
+  }
+  float* gradients = shape.gradients.data_for_write();
+  uint8_t *changed_tets = shape.changed_tets.data_for_write(), *changed = shape.changed.data_for_write();
+  parallel_for(executor, stride, "tet_gradients", gradients_at(u, gradients, changed_tets));
   parallel_for(executor, places, "hessian_row",
-               HessianRow{of_tets, stride, on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, finest.a.offsets, entries.data_for_write(),
-                          diagonal.data_for_write()});
-  return make_hessian(executor, *grids, std::move(entries), std::move(diagonal));
+               rows_of(gradients, shape.now.entries.data_for_write(), shape.now.diagonal.data_for_write(), changed_tets, changed));
+  renew_coarse(executor, *grids, shape.now, changed);
 }
 
 void EquilibriumRest::place_tables(Executor& executor) {

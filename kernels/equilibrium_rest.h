@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "kernels/equilibrium.h"
+#include "kernels/hessian_body.h"
 #include "kernels/mesh_distance.h"
 #include "kernels/multigrid.h"
 #include "kernels/placed.h"
@@ -30,6 +31,13 @@ struct RestTables {
   const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *back_weights;
   const uint16_t* slot_places;
   const Vec3f *rest, *sample_rest;
+};
+
+// The second derivative as it follows a frame's shape, and what tells where that has changed since.
+struct ShapeHessian {
+  Hessian now;
+  Buffer<float> gradients;                 // of TetGradients
+  Buffer<uint8_t> changed_tets, changed;  // by tet, by row
 };
 
 class EquilibriumRest {
@@ -62,12 +70,15 @@ class EquilibriumRest {
   Hessian hessian;  // at rest
   RestFigures figures;
 
-  // The second derivative with H displaced by u, in the executor's memory; null: at rest.
-  Hessian hessian_at(Executor& executor, const Row4* u) const;
+  // With H displaced by u, in the executor's memory. The first time `shape` is empty.
+  void follow(Executor& executor, const Row4* u, ShapeHessian& shape) const;
 
   void place_tables(Executor& executor);
+  void make_rest_hessian(Executor& executor);
 
  private:
+  TetGradients gradients_at(const Row4* u, float* to, uint8_t* changed) const;
+  HessianRow rows_of(const float* gradients, float* entries, float* diagonal, const uint8_t* changed_tets, uint8_t* changed) const;
   Placed placed_;
   mutable std::once_flag searchable_once_;
   mutable std::unique_ptr<MeshDistance> searchable_;

@@ -9,7 +9,8 @@
 
 namespace knead {
 
-// The two vectors of each corner of a tet: sqrt(V0 mu) n and sqrt(V0 (lambda + mu)) C n.
+// The two vectors of each corner of a tet: sqrt(V0 mu) n and sqrt(V0 (lambda + mu)) C n. Where `to` has those of another shape already, tets that are nearly
+// as they were then are left as they are: as a body settles, fewer and fewer are not.
 struct TetGradients {
   static constexpr const char* kKernel = "tet_gradients";
   static constexpr uint32_t kFloats = 24;
@@ -17,9 +18,10 @@ struct TetGradients {
   const uint32_t* corners;  // as ElasticTets has them
   const float *shape, *mu, *lambda;
   size_t stride;
-  float* to;  // [tets][kFloats]
+  float* to;         // [tets][kFloats]
+  uint8_t* changed;  // [tets] which were written; null: all are
   ElasticTerm term;
-  uint32_t unused = 0;
+  float tolerance;  // by how much of the largest of C n any other may differ in a tet that is left
 
   KNEAD_HD void operator()(uint32_t t) const {
     Vec3f n[4];
@@ -46,13 +48,27 @@ struct TetGradients {
     const Mat3<float> m = cofactors(f);
     const float both = sqrtf(lambda[t] + (term == ElasticTerm::kStableNeoHookean ? 0 : mu[t])), shear = sqrtf(mu[t]);
     float* out = to + kFloats * static_cast<size_t>(t);
-    for (uint32_t c = 0; c < 4; ++c, out += 6) {
-      const Vec3f turned{dot(m.x, n[c]), dot(m.y, n[c]), dot(m.z, n[c])};
-      for (int k = 0; k < 3; ++k) {
-        out[k] = shear * n[c][k];
-        out[3 + k] = both * turned[k];
+    float turned[12], largest = 0, difference = 0;
+    for (uint32_t c = 0; c < 4; ++c) {
+      turned[3 * c] = both * dot(m.x, n[c]);
+      turned[3 * c + 1] = both * dot(m.y, n[c]);
+      turned[3 * c + 2] = both * dot(m.z, n[c]);
+      if (!changed) continue;
+      for (uint32_t k = 0; k < 3; ++k) {
+        const float before = out[6 * c + 3 + k], size = fabsf(before), off = fabsf(turned[3 * c + k] - before);
+        largest = largest < size ? size : largest;
+        difference = difference < off ? off : difference;
       }
     }
+    if (changed) {
+      changed[t] = difference > tolerance * largest;
+      if (!changed[t]) return;
+    }
+    for (uint32_t c = 0; c < 4; ++c, out += 6)
+      for (uint32_t k = 0; k < 3; ++k) {
+        out[k] = shear * n[c][static_cast<int>(k)];
+        out[3 + k] = turned[3 * c + k];
+      }
   }
 };
 
@@ -67,8 +83,16 @@ struct HessianRow {
   const float *hold, *free;
   const uint32_t* offsets;  // of the rows
   float *value, *diagonal;
+  const uint8_t* changed_tets;  // null: all; rows without such a tet are left as they are
+  uint8_t* changed;             // [rows] which were not; null with the other
 
   KNEAD_HD void operator()(uint32_t p) const {
+    if (changed_tets) {
+      bool any = false;
+      for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) any = any || changed_tets[slots[e] % stride];
+      changed[p] = any;
+      if (!any) return;
+    }
     float *own = diagonal + kBlock * static_cast<size_t>(p), *row = value + kBlock * static_cast<size_t>(offsets[p]);
     clear_blocks(value, offsets[p], offsets[p + 1]);
     for (uint32_t k = 0; k < kBlock; ++k) own[k] = k % 4 != 0 ? 0 : free[p] == 0 ? 1 : hold[p];

@@ -230,15 +230,25 @@ void MultigridGrids::measure(Executor& host, const EnergyLanes& lanes, const Hes
 
 namespace {
 
-// P^T A P of a grid, or of a diagonal alone, which is added.
-void make_coarse(Executor& executor, const MultigridLevel& fine, const MultigridLevel& coarse, bool diagonal_only, float* value, float* diagonal) {
+// P^T A P of a grid, or of a diagonal alone, which is added. `changed`: the rows of A that have since the last time; null: all.
+void make_coarse(Executor& executor, const MultigridLevel& fine, const MultigridLevel& coarse, bool diagonal_only, float* value, float* diagonal,
+                 const uint8_t* changed = nullptr) {
+  Buffer<uint8_t> marks;  // of coarse rows to be made, then of the fine ones that they are made of
+  uint8_t *made = nullptr, *needed = nullptr;
+  if (changed) {
+    marks = Buffer<uint8_t>(size_t{coarse.size} + fine.size, executor.memory());
+    made = marks.data_for_write();
+    needed = made + coarse.size;
+    parallel_for(executor, coarse.size, "multigrid_mark", MarkRows{fine.down.offsets, fine.down.index, changed, made});
+    parallel_for(executor, fine.size, "multigrid_mark", MarkRows{fine.up.offsets, fine.up.index, made, needed});
+  }
   Buffer<float> product = blocks(executor, fine.products);
   float* rows = product.data_for_write();
   parallel_for(executor, fine.size, "multigrid_product_row",
-               ProductRow{fine.a, fine.up, fine.product_terms, fine.product_places, fine.product, rows, diagonal_only}, kRows);
+               ProductRow{fine.a, fine.up, fine.product_terms, fine.product_places, fine.product, rows, diagonal_only, needed}, kRows);
   parallel_for(executor, coarse.size, "multigrid_coarse_row",
                CoarseRow{fine.down, fine.product, rows, fine.coarse_terms, fine.coarse_places, coarse.a.offsets, value, diagonal,
-                         diagonal_only ? fine.a.diagonal : nullptr},
+                         diagonal_only ? fine.a.diagonal : nullptr, made},
                32);
 }
 
@@ -246,15 +256,20 @@ void make_coarse(Executor& executor, const MultigridLevel& fine, const Multigrid
 
 Hessian make_hessian(Executor& executor, const MultigridGrids& grids, Buffer<float> entries, Buffer<float> diagonal) {
   Hessian made{std::move(entries), std::move(diagonal), {}, {}};
-  if (grids.levels().size() == 1) return made;
-  MultigridLevel fine = grids.levels()[0];
-  const MultigridLevel& coarse = grids.levels()[1];
-  fine.a.value = made.entries.view(executor.device()).data();
-  fine.a.diagonal = made.diagonal.view(executor.device()).data();
-  made.coarse_entries = blocks(executor, coarse.entries);
-  made.coarse_diagonal = blocks(executor, coarse.size);
-  make_coarse(executor, fine, coarse, false, made.coarse_entries.data_for_write(), made.coarse_diagonal.data_for_write());
+  if (grids.levels().size() > 1) {
+    made.coarse_entries = blocks(executor, grids.levels()[1].entries);
+    made.coarse_diagonal = blocks(executor, grids.levels()[1].size);
+    renew_coarse(executor, grids, made, nullptr);
+  }
   return made;
+}
+
+void renew_coarse(Executor& executor, const MultigridGrids& grids, Hessian& hessian, const uint8_t* changed) {
+  if (grids.levels().size() == 1) return;
+  MultigridLevel fine = grids.levels()[0];
+  fine.a.value = hessian.entries.view(executor.device()).data();
+  fine.a.diagonal = hessian.diagonal.view(executor.device()).data();
+  make_coarse(executor, fine, grids.levels()[1], false, hessian.coarse_entries.data_for_write(), hessian.coarse_diagonal.data_for_write(), changed);
 }
 
 Multigrid::Multigrid(Executor& executor, const MultigridGrids& grids, const Hessian& hessian, const float* added) : levels_(grids.levels()) {

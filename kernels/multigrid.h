@@ -72,6 +72,8 @@ struct Hessian {
   Buffer<float> entries, diagonal, coarse_entries, coarse_diagonal;
 };
 Hessian make_hessian(Executor& executor, const MultigridGrids& grids, Buffer<float> entries, Buffer<float> diagonal);
+// After rows of the finest grid have changed: `changed` by row, in the executor's memory; null: all have. No metric may hold it meanwhile.
+void renew_coarse(Executor& executor, const MultigridGrids& grids, Hessian& hessian, const uint8_t* changed);
 
 class Multigrid {
  public:

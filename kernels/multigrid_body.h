@@ -145,8 +145,22 @@ struct InverseOfDiagonal {
   }
 };
 
+// Which rows have anything to do with others that are marked.
+struct MarkRows {
+  static constexpr const char* kKernel = "multigrid_mark";
+  const uint32_t *offsets, *index;
+  const uint8_t* from;
+  uint8_t* to;
+  KNEAD_HD void operator()(uint32_t p) const {
+    bool any = false;
+    for (uint32_t e = offsets[p]; e < offsets[p + 1]; ++e) any = any || from[index[e]];
+    to[p] = any;
+  }
+};
+
 // Galerkin's coarse matrix P^T A P in two steps, row by row: the product A P, and P^T times that. Where a term goes is in tables: its place in the row.
-// `diagonal_only`: of a matrix that has nothing else, and that not in most rows, whose products are left as they are.
+// `diagonal_only`: of a matrix that has nothing else, and that not in most rows, whose products are left as they are. `only`: the rows that are made; null:
+// all.
 struct ProductRow {
   static constexpr const char* kKernel = "multigrid_product_row";
   MatrixRows a;
@@ -156,12 +170,13 @@ struct ProductRow {
   const uint32_t* offsets;     // [rows + 1] into the product
   float* product;
   size_t diagonal_only;
+  const uint8_t* only;
 
   static KNEAD_HD bool is_empty(const float* block) { return block[0] == 0 && block[4] == 0 && block[8] == 0; }
 
   KNEAD_HD void operator()(uint32_t p) const {
     const float* own = a.diagonal + kBlock * static_cast<size_t>(p);
-    if (diagonal_only && is_empty(own)) return;
+    if ((diagonal_only && is_empty(own)) || (only && !only[p])) return;
     clear_blocks(product, offsets[p], offsets[p + 1]);
     float* row = product + kBlock * static_cast<size_t>(offsets[p]);
     const uint16_t* place = places + terms[p];
@@ -185,8 +200,10 @@ struct CoarseRow {
   const uint32_t* coarse;        // [rows + 1] into `value`
   float *value, *diagonal;
   const float* fine_diagonal;  // null: all of it; else what is not empty in it is added to what is there
+  const uint8_t* only;
 
   KNEAD_HD void operator()(uint32_t p) const {
+    if (only && !only[p]) return;
     float *own = diagonal + kBlock * static_cast<size_t>(p), *row = value + kBlock * static_cast<size_t>(coarse[p]);
     if (!fine_diagonal) {
       clear_blocks(diagonal, p, p + 1);
