@@ -134,7 +134,7 @@ bool Compiler::find_next(Scope& scope, Scope& inner, const Literal& next, std::v
         Where where = node.where;
         where.member = input.name;
         fail(where,
-             std::string("expected a ") + input.type->name + ", but 'state." + name + "' is a " + state->type->name + " from the second round on");
+             "expected " + with_article(input.type->name) + ", but 'state." + name + "' is " + with_article(state->type->name) + " from the second round on");
         good = false;
       }
   }

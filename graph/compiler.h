@@ -16,6 +16,11 @@
 
 namespace knead {
 
+// "a Surface", "an EquilibriumState".
+inline std::string with_article(const std::string& type) {
+  return (type.find_first_of("AEIOU") == 0 ? "an " : "a ") + type;
+}
+
 // What a node of the file has become: a node of the plan, or (a group) a list of sources per output.
 struct CompiledNode {
   enum { kUntouched, kUnderWay, kDone } state = kUntouched;

@@ -98,9 +98,9 @@ struct ContactEnergy {
     for (uint32_t e = offsets[s]; e < offsets[s + 1]; ++e) reach += weights[e] < 0 ? -2 * weights[e] : 0.0f;
     for (uint32_t k = 0; k < count; ++k) {
       const size_t at = static_cast<size_t>(k) * samples + s;
-      if (exits && exits[at] >= 0) return 0;
+      if (memory[at] > 0 || (exits && exits[at] >= 0)) return 0;
       SdfSampler sampler(colliders[k].sdf);
-      const float room = sampler.least(CollidePush::to_index(colliders[k], y)) * colliders[k].scale - margin - gap - memory[at];
+      const float room = sampler.least(CollidePush::to_index(colliders[k], y)) * colliders[k].scale - margin - gap;
       least = room < least ? room : least;
     }
     return least > 0 ? least / reach : 0.0f;

@@ -76,10 +76,11 @@ passes through the host. Give both the same contact_samples, else contacts begin
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
 It starts from rest and runs L-BFGS over a metric (Liu, Bouaziz, Kavan 2017): one multigrid cycle with the energy's second derivative, kept positive, a block of
-three by three per edge of H. Its grids belong to the rest shape and are made once; the matrix follows the shape and what pushes at iterations 4, 8, 16, 32 and so
-on, and where steps are refused. It ends when the forces balance to `threshold` of the contact forces, the last step was short and no contact is off by more than
-`penetration`, or a tenth of it in the mean: `rest`. Else the report says `rounding` (a touch so light that float32 gets it no nearer to balance), `iterations` or
-`stalled`. What is left of penetration (below 1e-4 of the diagonal) is taken out by collide_sdf in mode project. Where no collider is nearer than the gap, M comes out untouched.
+three by three per edge of H. Its grids belong to the rest shape and are made once; where the shape has changed the matrix follows it, and what pushes, at
+iterations 4, 8, 16, 32 and so on, and when steps are refused. It ends when the forces balance to `threshold` of the contact forces, the last step was short and
+no contact is off by more than `penetration`, or a tenth of it in the mean: `rest`. Else the report says `rounding` (a touch so light that float32 gets it no
+nearer to balance), `iterations` or `stalled`. What is left of penetration (below 1e-4 of the diagonal) is taken out by collide_sdf in mode project. Where no
+collider is nearer than the gap, M comes out untouched.
 The same bits for any number of threads.
 
 On a device a descent stays there: after an evaluation of the energy the host reads a few sums. The tables and the grids are made on the host, once, and so is,

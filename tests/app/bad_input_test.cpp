@@ -228,6 +228,8 @@ TEST_F(BadInput, WrongGraphsAreRefusedBeforeAnythingIsMade) {
   wrong("  a: {type: primitive}\n  b: {type: transform, mesh: a.surfaces}\n", "has no output 'surfaces'");
   wrong("  a: {type: primitive}\n  b: {type: transform, mesh: aa}\n", "did you mean 'a'?");
   wrong("  a: {type: primitive}\n  b: {type: deform, surface: a, sdf: a}\n", "expected a Sdf, but 'a' is a Surface");
+  wrong("  a: {type: primitive}\n  t: {type: build_tets, surface: a}\n  b: {type: equilibrium, surface: a, sdf: [], tets: t, lattice: t.lattice, start: a}\n",
+        "expected an EquilibriumState, but 'a' is a Surface");
   wrong("  a: {type: transform}\n", "must be connected");
   wrong("  a: {type: primitive}\n  a: {type: primitive}\n", "there twice");
   wrong("  a: {type: primitive}\n  b: {type: write_mesh, surface: [a, a], path: x.obj}\n", "takes one value");

@@ -91,6 +91,59 @@ TEST(SdfSample, SmoothGradientDoesNotJumpWhereAVoxelEnds) {
   }
 }
 
+double spline(double t) {  // the quadratic one, of degree 0 to 1.5
+  const double a = std::abs(t);
+  return a < 0.5 ? 0.75 - a * a : a < 1.5 ? 0.5 * (1.5 - a) * (1.5 - a) : 0;
+}
+
+TEST(SdfSample, SplineIsThatOfTheVoxelsAround) {
+  const SampledSphere sphere;
+  std::mt19937 random(10);
+  std::uniform_real_distribution<double> coordinate(-16, 16);
+  const auto accessor = sphere.grid->getConstAccessor();
+  const auto value = [&](const Vec3d& p) {
+    double sum = 0;
+    for (int i = static_cast<int>(p.x) - 3; i <= p.x + 3; ++i)
+      for (int j = static_cast<int>(p.y) - 3; j <= p.y + 3; ++j)
+        for (int k = static_cast<int>(p.z) - 3; k <= p.z + 3; ++k)
+          sum += spline(p.x - i) * spline(p.y - j) * spline(p.z - k) * static_cast<double>(accessor.getValue({i, j, k}));
+    return sum;
+  };
+  for (int i = 0; i < 3000; ++i) {
+    const Vec3d p{coordinate(random), coordinate(random), coordinate(random)};
+    SdfSampler sampler(sphere.view);
+    Vec3f gradient;
+    ASSERT_NEAR(static_cast<double>(sampler.spline(p, gradient)), value(p), 5e-6) << p.x << ' ' << p.y << ' ' << p.z;
+    for (int k = 0; k < 3; ++k) {
+      Vec3d a = p, b = p;
+      a[k] -= 1e-3;
+      b[k] += 1e-3;
+      ASSERT_NEAR(static_cast<double>(gradient[k]), (value(b) - value(a)) / 2e-3, 1e-3);
+    }
+  }
+}
+
+TEST(SdfSample, NoSurfaceIsNearerThanTheLeast) {
+  SampledSphere sphere;
+  sphere.view.voxel = 1;
+  std::mt19937 random(11);
+  std::uniform_real_distribution<float> coordinate(-40, 40);
+  float largest = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const Vec3f p{coordinate(random), coordinate(random), coordinate(random)};
+    SdfSampler sampler(sphere.view);
+    const float least = sampler.least(p), distance = length(p - Vec3f{0.4f, -0.3f, 0.2f}) - 12.3f;
+    ASSERT_LE(least, std::max(distance, -4.0f) + 0.01f) << p.x << ' ' << p.y << ' ' << p.z;
+    if (distance > 0) largest = std::max(largest, least / distance);
+    Vec3f gradient;
+    ASSERT_EQ(sampler.reaches(p, 1), sampler.least(p) < 1);
+    if (!sampler.reaches(p, 1)) {
+      ASSERT_GE(sampler.spline(to_double(p), gradient), 1);
+    }
+  }
+  EXPECT_GT(largest, 0.5f) << "far away it tells how far";
+}
+
 TEST(SdfSample, IsTheBackgroundOutsideAndForPositionsThatAreNotNumbers) {
   const SampledSphere sphere;
   SdfSampler sampler(sphere.view);
