@@ -19,7 +19,7 @@ namespace knead {
 namespace {
 
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
-constexpr float kChanged = 0.1f;           // of TetGradients: a metric that is off by so much in some tets serves as well
+constexpr float kChanged = 0.05f;           // of TetGradients: a metric that is off by so much in some tets serves as well
 constexpr double kLeastVolume = 1e-5;      // of the diagonal's cube: a surface that encloses less has no volume to keep
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
