@@ -193,11 +193,14 @@ double push_samples(Executor& executor, const ProjectInput& input, const Project
   for (size_t c = 0; c < 3 * count; ++c) incident[cursor[input.triangles[c]]++] = static_cast<uint32_t>(c / 3);
 
   std::vector<Contact> worst(count);
+  std::vector<uint8_t> pushed(n, 1);  // since its triangles were looked at
   double deepest = 0, least = std::numeric_limits<double>::infinity();
   int idle = 0;  // rounds without progress: a triangle that spans a collider cannot be pushed out
   for (int round = 0; round <= input.rounds; ++round) {
     deepest = reduce_max(executor, count, "project_samples", [&](uint32_t t) {
-      const Vec3d a = to_double(moved[input.triangles[3 * t]]), b = to_double(moved[input.triangles[3 * t + 1]]), c = to_double(moved[input.triangles[3 * t + 2]]);
+      const uint32_t* corner = &input.triangles[3 * size_t{t}];
+      if (!pushed[corner[0]] && !pushed[corner[1]] && !pushed[corner[2]]) return worst[t].depth;
+      const Vec3d a = to_double(moved[corner[0]]), b = to_double(moved[corner[1]]), c = to_double(moved[corner[2]]);
       worst[t] = {};
       for (const auto& [u, v] : weights) {
         const Contact at = projector.contact(c + (a - c) * u + (b - c) * v);
@@ -212,7 +215,8 @@ double push_samples(Executor& executor, const ProjectInput& input, const Project
       Contact push;
       for (uint32_t k = first[v]; k < first[v + 1]; ++k)
         if (worst[incident[k]].depth > push.depth) push = worst[incident[k]];
-      if (push.depth <= 0) return;
+      pushed[v] = push.depth > 0;
+      if (!pushed[v]) return;
       moved[v] = to_float(to_double(moved[v]) + push.out * (push.depth + input.clearance));
       projector.move_out(moved[v]);
     });

@@ -340,7 +340,12 @@ TEST(Project, KeepsFacesOutsideWhenAskedForSamples) {
   input.samples = 8;
   const ProjectFigures figures = knead::project_outside(*executor, input, moved.data());
   EXPECT_LT(deepest_in_faces(moved), 2e-6);
+  EXPECT_LE(figures.deepest_sample, input.clearance);
   EXPECT_EQ(figures.left, 0u);
+  for (input.rounds = 1; input.rounds < 12; ++input.rounds) {  // what is told is of the places that come out, though only pushed faces are looked at again
+    const ProjectFigures early = knead::project_outside(*executor, input, moved.data());
+    EXPECT_NEAR(early.deepest_sample, deepest_in_faces(moved), 1e-9) << input.rounds;
+  }
 }
 
 }  // namespace
