@@ -20,7 +20,14 @@ It is a group that stands for these nodes (method.md 4):
 
 `deform` is the same job by the paper's loop. That one stops where it moves little, so its dents creep with the number of iterations and ripple when they
 are deep; this one ends at rest, keeps the volume to a few hundredths of a percent, and is smooth in time. Where no collider is nearer than contact_gap, the
-surface comes out untouched. Inner nodes are reached from outside as NAME.press, and their parameters by --set NAME.press.threshold=1e-4.)";
+surface comes out untouched.
+
+A fine one gets there sooner from where a coarse one roughly came to rest: the same result within the stop rule, in about 20 iterations more at any depth.
+It pays from some 100,000 tets on.
+  first:  {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 5, threshold: 1.0e-2, displacement: 1.0e-3, penetration: 1.0e-3}
+  result: {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 7, start: first.state}
+
+Inner nodes are reached from outside as NAME.press, and their parameters by --set NAME.press.threshold=1e-4.)";
 
 const char* const kGraph = R"(
 knead: 1
@@ -30,6 +37,7 @@ inputs:
   pins: {type: Weights, optional: true, doc: "vertices of M that stay: 0 free, 1 pinned"}
   stiffness_weights: {type: Weights, optional: true, doc: "by vertex of M: how stiff, relative to elsewhere"}
   hold_weights: {type: Weights, optional: true, doc: "by vertex of M: of `hold`"}
+  start: {type: EquilibriumState, optional: true, doc: "the state of a coarser one of the same surface, to begin there instead of at rest"}
 parameters:
   max_depth: {default: 6, doc: "of the tet mesh's octree: M's box is at most 2^max_depth cells wide"}
   split_pieces: {default: false, doc: "keep apart what is closer than a cell, such as lips or fingers"}
@@ -44,6 +52,7 @@ parameters:
   contact_samples: {default: 0, doc: "4: points inside the triangles are kept outside too, for a coarse M under a sharp collider"}
   max_iterations: {default: 150, doc: "after which it ends in any case"}
   threshold: {default: 3.0e-4, doc: "sum of forces over contact forces at rest"}
+  displacement: {default: 2.0e-5, doc: "longest last step at rest, in diagonals"}
   penetration: {default: 1.0e-4, doc: "largest error of a contact at rest, in diagonals; in the mean a tenth of it"}
   face_samples: {default: 0, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
 nodes:
@@ -57,6 +66,7 @@ nodes:
     pins: inputs.pins
     stiffness_weights: inputs.stiffness_weights
     hold_weights: inputs.hold_weights
+    start: inputs.start
     material: $material
     poisson_ratio: $poisson_ratio
     hold: $hold
@@ -67,6 +77,7 @@ nodes:
     contact_samples: $contact_samples
     max_iterations: $max_iterations
     threshold: $threshold
+    displacement: $displacement
     penetration: $penetration
   exact: {type: collide_sdf, mode: project, surface: press.surface, sdf: inputs.sdf, margin: $margin}
   figures:
@@ -84,6 +95,7 @@ outputs:
   report: figures.report
   volume_change: figures.volume_change
   points: press.points
+  state: press.state
   tets: tets.tets
   lattice: tets.lattice
 )";

@@ -230,5 +230,19 @@ TEST(Equilibrium, IsOneNodeToo) {
   EXPECT_EQ(evaluator.get<Report>("whole.report", 2).number("vertices_inside"), 0);
 }
 
+TEST(EquilibriumCascade, IsTwoOfTheOneNodeFormToo) {
+  GraphSpec graph = pressed();
+  graph.add("first", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 3}, {"threshold", 1e-2}, {"displacement", 1e-3}, {"penetration", 1e-3}})
+      .add("whole", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}, {"start", "first.state"}})
+      .add("second", "equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"start", "first.state"}})
+      .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "second"}, {"sdf", "solid"}});
+  Evaluator evaluator(compile(graph));
+  EXPECT_EQ(evaluator.get<Report>("first.report", 2).word("started"), "rest");
+  EXPECT_GT(evaluator.get<Report>("first.report", 2).number("last_step"), 2e-5);  // it may end there
+  EXPECT_EQ(evaluator.get<Report>("whole.report", 2).word("started"), "state");
+  const auto parts = evaluator.get<Surface>("exact.surface", 2), whole = evaluator.get<Surface>("whole.surface", 2);
+  EXPECT_EQ(std::memcmp(parts.points.host().data(), whole.points.host().data(), parts.points.bytes()), 0);
+}
+
 }  // namespace equilibrium_test
 }  // namespace knead
