@@ -29,14 +29,15 @@ std::optional<bool> touched(const FrameResult& result) {
   return std::nullopt;
 }
 
-// "118 iterations, at rest", from the first report that tells.
+// "118 iterations, at rest", from the last report that tells: what comes before may be a beginning for it.
 std::string ended_text(const FrameResult& result) {
   if (touched(result) == false) return ", no contact";
+  std::string text;
   for (const auto& [name, value] : result.values)
     if (const Report* report = value.get_if<Report>())
       if (const double iterations = report->number("iterations"); std::isfinite(iterations) && !report->word("ended").empty())
-        return fmt::format(", {:.0f} iteration{}, {}", iterations, iterations == 1 ? "" : "s", report->word("ended"));
-  return {};
+        text = fmt::format(", {:.0f} iteration{}, {}", iterations, iterations == 1 ? "" : "s", report->word("ended"));
+  return text;
 }
 
 }  // namespace
