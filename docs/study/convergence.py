@@ -300,22 +300,31 @@ def study_depth(study):
             scene = make(depth=depth, resolution=resolution)
             nodes = scene.graph(max_vertices=1)
             scene.equilibrium(nodes, "eq", max_iterations=300)
-            scene.equilibrium(nodes, "gradient", threshold=1e-3, displacement=1, penetration=1, max_iterations=300)
+            gradient_alone = {"threshold": 1e-3, "displacement": 1, "penetration": 1, "max_iterations": 300}
+            scene.equilibrium(nodes, "gradient", **gradient_alone)
+            nodes["coarse"] = dict(nodes["tets"], max_depth=depth - 2)
+            nodes["first"] = {**nodes["eq"], "tets": "coarse", "lattice": "coarse.lattice", "threshold": 1e-2, "displacement": 1e-3, "penetration": 1e-3}
+            nodes["first_m"] = {"type": "measure", "surface": "first.surface", "rest": "body", "report": "first.report"}
+            scene.equilibrium(nodes, "started", start="first.state", max_iterations=300)
+            scene.equilibrium(nodes, "started_gradient", start="first.state", **gradient_alone)
             if depth < 7:
                 scene.loop(nodes, "loop", 250, threshold=1e-4)
             nodes["rest"] = {"type": "write_mesh", "surface": "body", "path": "rest.ply"}
             folder, (stats,) = study.run(f"depth_{scene.name}_{depth}", nodes)
-            shapes[depth] = {name: read_ply(folder / f"{name}.0001.ply") for name in ("eq", "loop")[: 2 if depth < 7 else 1]}
+            shapes[depth] = {name: read_ply(folder / f"{name}.0001.ply") for name in ("eq", "started", "loop")[: 3 if depth < 7 else 2]}
             shapes[depth]["rest"] = read_ply(folder / "rest.ply")
-            rows[depth] = {"tets": stats["tets"], "depth": stats["depth"], "iterations": stats["eq_m.iterations"], "ended": stats["eq_m.ended"],
+            rows[depth] = {"tets": stats["tets.tets"], "depth": stats["tets.depth"], "iterations": stats["eq_m.iterations"], "ended": stats["eq_m.ended"],
                            "to_gradient": stats["gradient_m.iterations"], "gradient_ended": stats["gradient_m.ended"],
+                           "first": stats["first_m.iterations"], "started_to_gradient": stats["started_gradient_m.iterations"],
+                           "started": stats["started_m.iterations"], "started_ended": stats["started_m.ended"],
                            "volume_error": stats["eq_m.volume_error"], "inverted": stats["eq_m.inverted_tets"],
                            "seconds": stats["eq_m.solve_milliseconds"] * 1e-3, "raw_penetration": stats["eq_exact.penetration_max_relative"]}
             print(scene.name, depth, rows[depth], flush=True)
-        for depth in depths[:-1]:
-            a, b = shapes[depth], shapes[depth + 1]
-            dent = np.linalg.norm(b["eq"] - b["rest"], axis=1).max()
-            rows[depth]["next"] = {name: distance(a[name], b[name], dent) for name in ("eq", "loop") if name in a and name in b}
+        dents = {depth: np.linalg.norm(made["eq"] - made["rest"], axis=1).max() for depth, made in shapes.items()}
+        for depth, a in shapes.items():
+            rows[depth]["apart"] = distance(a["eq"], a["started"], dents[depth])
+            if b := shapes.get(depth + 1):
+                rows[depth]["next"] = {name: distance(a[name], b[name], dents[depth + 1]) for name in ("eq", "loop") if name in b}
         result[scene.name] = rows
     return result
 
@@ -457,12 +466,14 @@ def tables(results):
         text += [f"| {scene} | {kind} | " + " | ".join(map(percent, off)) + " |"
                  for scene, kinds in results["anderson"]["scenes"].items() for kind, off in kinds.items()]
     if "depth" in results:
-        text += ["", "| scene | depth | tets | to gradient 1e-3 | to rest | s | volume | inverted | off the next depth | loop: off the next depth |", "|---|---|---|---|---|---|---|---|---|---|"]
+        text += ["", "| scene | depth | tets | to gradient 1e-3 | to rest | s | volume | inverted | off the next depth | loop: off the next depth | "
+                 "coarser H | from it to gradient | to rest | apart |", "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
         for name, rows in results["depth"].items():
             for depth, r in rows.items():
                 following = [percent(r["next"][k][0]) if k in r.get("next", {}) else "" for k in ("eq", "loop")]
                 text.append(f"| {name} | {depth} | {r['tets']} | {r['to_gradient']} | {r['iterations']} ({r['ended']}) | {r['seconds']:.2g} | {percent(r['volume_error'])} | "
-                            f"{r['inverted']} | {' | '.join(following)} |")
+                            f"{r['inverted']} | {' | '.join(following)} | {r['first']} | {r['started_to_gradient']} | {r['started']} ({r['started_ended']}) | "
+                            f"{', '.join(map(percent, r['apart']))} |")
     for name, kinds in results.get("smooth", {}).items():
         text += ["", f"| {name} | iterations | median | largest | largest after `project` |", "|---|---|---|---|---|"]
         for title, series in kinds.items():
