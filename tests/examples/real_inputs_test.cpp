@@ -17,6 +17,7 @@ namespace real_inputs_test {
 struct Press {
   const char *body, *collider, *motion;
   int before, deepest;  // frames: without contact, and of the deepest press
+  const char* node = "deform, stiffness: 0.3";
 };
 
 class RealInputs : public testing::Test {
@@ -34,7 +35,8 @@ std::shared_ptr<const Plan> press_graph(const Press& press) {
   const std::string folder = std::string(KNEAD_SHARED_DATA) + "/";
   return plan_of("  body: {type: read_mesh, path: " + folder + press.body + "}\n  tool: {type: read_mesh, path: " + folder + press.collider +
                  "}\n  motion: {type: transform, mesh: tool, " + press.motion +
-                 "}\n  solid: {type: mesh_to_sdf, mesh: motion}\n  press: {type: deform, surface: body, sdf: solid, stiffness: 0.3}\n");
+                 "}\n  solid: {type: mesh_to_sdf, mesh: motion}\n  press: {type: " +
+                 press.node + ", surface: body, sdf: solid}\n");
 }
 
 std::vector<Vec3d> world_points(const Surface& surface) {
@@ -129,6 +131,23 @@ TEST_F(RealInputs, ATorusDentsTheKoala) {
                                    "rotate: [90, 0, 0], keys: {1: {translate: [0, 1, 8]}, 12: {translate: [0, 1, 4.9]}}", 3, 12});
   EXPECT_LT(std::abs(figures.volume_error), 0.01);
   EXPECT_GT(figures.dent, 0.015);
+}
+
+// The node to pick first, on the same.
+TEST_F(RealInputs, ComeToRestWithTheirVolume) {
+  const char* const node = "deform_equilibrium";
+  for (const Press& press :
+       {Press{"heads/head_ict_2400.obj", "colliders/fist_3000.obj", "scale: 8, keys: {1: {translate: [0, 2, 30]}, 12: {translate: [0, 2, 12]}}", 3, 12, node},
+        Press{"organic/hand_7993.obj", "colliders/fist_3000.obj", "scale: 0.3, keys: {1: {translate: [0, 0.3, 0.6]}, 12: {translate: [0, 0.3, 0.22]}}", 3, 12, node},
+        Press{"organic/koala_49999.obj", "colliders/torus.obj", "rotate: [90, 0, 0], keys: {1: {translate: [0, 1, 8]}, 12: {translate: [0, 1, 4.9]}}", 3, 12, node}}) {
+    SCOPED_TRACE(press.body);
+    const Figures figures = pressed(press);
+    EXPECT_LT(std::abs(figures.volume_error), 1e-3);
+    EXPECT_GT(figures.dent, 0.01);
+    EXPECT_GT(figures.bulge, 0.001);
+    EXPECT_EQ(figures.report.number("inverted_tets"), 0);
+    EXPECT_EQ(figures.report.word("ended"), "rest");
+  }
 }
 
 // The press of shared/data/press, against which other systems were measured.
