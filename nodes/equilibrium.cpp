@@ -69,7 +69,7 @@ rule, in fewer and sooner iterations (an H of 13 million tets in 16 instead of 1
 passes through the host. Give both the same contact_samples, else contacts begin without their pushes.
 
   coarse: {type: build_tets, surface: head, max_depth: 4}
-  first:  {type: equilibrium, surface: head, sdf: solid, tets: coarse, lattice: coarse.lattice, threshold: 1.0e-2, displacement: 1.0e-3, penetration: 1.0e-3}
+  first:  {type: equilibrium, surface: head, sdf: solid, tets: coarse, lattice: coarse.lattice, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 1.0e-2}
   tets:   {type: build_tets, surface: head, max_depth: 6}
   press:  {type: equilibrium, surface: head, sdf: solid, tets: tets, lattice: tets.lattice, start: first.state}
 
