@@ -205,7 +205,8 @@ struct ContactRoom {
   }
 };
 
-// lambda <- the push, after ContactEnergy; what friction pulls back to is where the collider is now.
+// lambda <- the push, after ContactEnergy; none where the field is flat, beyond its band: there a push has no direction, and a memory would take long to
+// fade. What friction pulls back to is where the collider is now.
 struct ContactMemory {
   static constexpr const char* kKernel = "contact_memory";
   ContactEnergy contact;
@@ -215,7 +216,8 @@ struct ContactMemory {
     const uint32_t s = contact.list ? contact.list[place] : place;
     for (uint32_t k = 0; k < contact.count; ++k) {
       const size_t at = static_cast<size_t>(k) * contact.samples + s;
-      memory[at] = contact.push_of(memory[at] - contact.distance[at]).push;
+      const float push = contact.push_of(memory[at] - contact.distance[at]).push;
+      memory[at] = push > 0 && contact.normal[at].w > 0 ? push : 0.0f;
       if (memory[at] > 0) slack[s] = 0;
       if (stuck) stuck[at] = contact.normal[at];
     }

@@ -149,5 +149,18 @@ TEST(ContactList, APlaceThatIsKnownIsNotLookedUpAgain) {
   for (const uint32_t s : here.list) ASSERT_NEAR(here.force[s].x, force[s].x, 1e-5f * (1 + std::abs(force[s].x)));
 }
 
+TEST(ContactList, AMemoryIsForgottenWhereTheFieldIsFlat) {
+  Around here;
+  here.memory[0] = here.memory[1] = 2;
+  here.u[0] = to_row(Vec3f{0.9f, 0, 0} - here.rest[0]);
+  here.u[1] = to_row(Vec3f{0, 3, 0} - here.rest[1]);  // let through: beyond the band, though not as far as the memory is long
+  here.make_list(-1);
+  here.sum(true);
+  EXPECT_LT(here.distance[1], 2);
+  here.remember();
+  EXPECT_GT(here.memory[0], 2);
+  EXPECT_EQ(here.memory[1], 0);
+}
+
 }  // namespace contact_list_test
 }  // namespace knead
