@@ -363,8 +363,9 @@ class Solver {
 
   // Colliders that stand back come to their places. Their ways lead out of what they are in there; what they pass before may take more.
   void come_in(Evaluation& now) {
-    const int steps = contacts_.steps_in(kStride * rest_.diagonal);
-    const auto share_after = [&](int step) { return 1 - static_cast<double>(step) / steps; };
+    const double whole = contacts_.steps_in(kStride * rest_.diagonal);  // the last one is shorter: so frames of a sweep go the same way, each a little farther
+    const int steps = static_cast<int>(std::ceil(whole));
+    const auto share_after = [&](int step) { return std::max(0.0, 1 - step / whole); };
     int first = 1;
     while (steps > 0 && first > 1 - steps && !free_at(share_after(first - 1))) --first;
     for (int step = first; step <= steps; ++step) {

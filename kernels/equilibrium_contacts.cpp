@@ -236,13 +236,13 @@ double EquilibriumContacts::most_at_a_time(size_t k) const {
   return kOfThickness * static_cast<double>(colliders_[k]->inside_depth) * static_cast<double>(body_.colliders[k].scale);
 }
 
-int EquilibriumContacts::steps_in(double stride) const {
+double EquilibriumContacts::steps_in(double stride) const {
   double steps = 0;
   for (size_t k = 0; k < ways_.size(); ++k) {
     const double way = length(ways_[k]), most = most_at_a_time(k);
     steps = std::max({steps, way / stride, most > 0 ? std::min(way / most, kMostSteps) : 0});
   }
-  return static_cast<int>(std::ceil(steps));
+  return steps;
 }
 
 bool EquilibriumContacts::stand_free() const {

@@ -35,7 +35,7 @@ class EquilibriumContacts {
   size_t undecided() const { return undecided_; }  // colliders of which neither says where they came in
   size_t enclosed() const;        // colliders that lie in M as it is at rest and touch nothing; call after evaluate
   double longest_way() const;     // of those that can stand back, cells
-  int steps_in(double stride) const;  // for these ways, of at most `stride`, cells, and a part of the collider's half thickness
+  double steps_in(double stride) const;  // for these ways, of `stride`, cells, or a part of the collider's half thickness; not a whole number
   bool stand_free() const;        // none of them is in deeper than that part; after evaluate
   void stand_back(double share);  // by this share of their ways
   bool by_entries() const { return body_.exits != nullptr; }
