@@ -28,21 +28,21 @@ void Descent::remember(Rows& before, Rows& after, Rows& gradient_before, Rows& g
   parallel_for(executor_, rest_.places, "damp_pair", DampPair{changes_.data_for_write() + at, gradient_before.data(), history_.data_for_write()});
 }
 
-void Descent::renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, Row4* work) {
+void Descent::renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work) {
   keeps_volume_ = true;
   contacts.volume_gradient(bulk_.data());
   parallel_for(executor_, rest_.places, "copy_quads", CopyQuads{bulk_.data(), bulk_solved_.data()});
-  metric.solve(executor_, lanes, bulk_solved_.data(), work);
+  metric.solve(executor_, lanes, bulk_solved_.data(), work, grid);
   reduce(executor_, rest_.places, BulkOver{bulk_.data(), bulk_solved_.data(), contacts.volume_compliance(), history_.data_for_write()});
 }
 
-void Descent::make(const Multigrid& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work) {
+void Descent::make(const Multigrid& metric, const EnergyLanes& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work) {
   const size_t n = rest_.places;
   History* history = history_.data_for_write();
   Row4 *g = gradient.data(), *d = direction.data();
   reduce(executor_, n, FirstLoop{pairs(), ring_, g, history});
   parallel_for(executor_, n, "history_apply", WithoutChanges{pairs(), ring_, g, history, d});
-  metric.solve(executor_, lanes, d, work);
+  metric.solve(executor_, lanes, d, work, grid);
   if (keeps_volume_) reduce(executor_, n, BulkAlong{bulk_.data(), d, history});
   reduce(executor_, n, SecondLoop{pairs(), ring_, keeps_volume_ ? bulk_solved_.data() : nullptr, d, history, scale});
   reduce(executor_, n, Downhill{pairs(), ring_, history, g, d, slope});

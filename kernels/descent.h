@@ -15,9 +15,9 @@ class Descent {
   void forget() { ring_.pairs = 0; }
   bool remembers() const { return ring_.pairs > 0; }
   // What the enclosed volume adds to `metric`.
-  void renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, Row4* work);
-  // direction <- -(metric of the pairs) gradient; `slope`: their product, in the executor's memory.
-  void make(const Multigrid& metric, const EnergyLanes& lanes, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work);
+  void renew_bulk(const Multigrid& metric, const EnergyLanes& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work);
+  // direction <- -(metric of the pairs) gradient; `slope`: their product, in the executor's memory. `grid`: of the metric, as solve has it.
+  void make(const Multigrid& metric, const EnergyLanes& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work);
 
  private:
   PairRows pairs();

@@ -18,12 +18,16 @@ namespace {
 
 constexpr int kBulkInterval = 10;                           // iterations after which it is looked at again where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
-constexpr int kFirstRenewal = 4;                            // the iteration at which the metric follows the shape, and how many times
-constexpr int kRenewal = 2;                                 // as many it is until it does so again;
-constexpr int kStartedRenewal = 16;                         // the first one where it began nearly there, with a metric of that shape;
-constexpr int kForget = 9;                                  // until when pairs tell of a body that was far from the one that the metric follows
-constexpr double kAstray = 0.3;                             // or where refused steps have scaled it down to this,
+constexpr uint32_t kFirstNodes = 1500;                      // of a grid to begin with, at most;
+constexpr int kLeastOnGrid = 2;                             // iterations on one; from then on it is left when one of them
+constexpr double kWorthStaying = 0.1;                       // takes less than this part of the energy away
+constexpr int kSides = 4;                                   // iterations in which contacts stay on the side that was told from the rest shape
+constexpr int kRenewal = 4;                                 // iterations on H itself until the metric follows the shape, then as many, twice as many and so on;
+constexpr int kFirstRenewal = 1, kCoarseRenewal = 2;        // the first one and the time to the next on coarse grids, where the body moves far,
+constexpr int kStartedRenewal = 16;                         // and the same as kRenewal where it began nearly there, with a metric of that shape;
+constexpr double kAstray = 0.3;                             // or where refused steps have scaled the metric down to this,
 constexpr int kAgain = 8;                                   // so many iterations after the last time
+constexpr int kForget = 9;                                  // until when pairs tell of a body that was far from the one that the metric follows
 constexpr double kStride = 0.01;                            // of M's diagonal: how far a collider that stands back comes in an iteration at most,
 constexpr int kWayRenewal = 8;                              // and after how many of them the metric is renewed
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
@@ -47,6 +51,18 @@ struct ScopedTime {
   ~ScopedTime() { sum += std::chrono::duration<double>(Clock::now() - start).count(); }
   double& sum;
   Clock::time_point start = Clock::now();
+};
+
+// The iterations at which the metric follows the shape: `next`, then after `interval`, twice as many and so on.
+struct Renewals {
+  int next, interval, last = 0;
+
+  void done(int iteration) {
+    last = iteration;
+    if (iteration != next) return;
+    next += interval;
+    interval *= 2;
+  }
 };
 
 struct Evaluation {
@@ -128,7 +144,10 @@ class Solver {
       now = evaluate(u_, gradient_);
     }
     if (now.contact.active == 0 && figures_.iterations == 0) return false;
-    if (!metric_) renew_metric();
+    if (!metric_) {
+      grid_ = first_grid();
+      renew_metric();
+    }
     figures_.undecided = contacts_.undecided();
     return true;
   }
@@ -301,12 +320,12 @@ class Solver {
 
   void renew_bulk() {
     bulk_at_ = figures_.iterations;
-    if (contacts_.keeps_volume()) descent_.renew_bulk(*metric_, lanes_, contacts_, work_.data_for_write());
+    if (contacts_.keeps_volume()) descent_.renew_bulk(*metric_, lanes_, contacts_, grid_, work_.data_for_write());
   }
 
   void make_direction() {
     ScopedTime time(figures_.direction_seconds);
-    descent_.make(*metric_, lanes_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, work_.data_for_write());
+    descent_.make(*metric_, lanes_, grid_, static_cast<float>(scale_), gradient_, direction_, &sums().slope, work_.data_for_write());
   }
 
   bool search(const Evaluation& now, Evaluation& next) {
@@ -382,24 +401,54 @@ class Solver {
     if (steps > 0) renew_metric();
   }
 
+  // From rest the body moves as a coarse grid can at first, then as finer ones: steps of all of H crumple fine tets under fresh contacts, and many more are
+  // spent on smoothing them out.
+  size_t first_grid() const {
+    const std::vector<MultigridLevel>& grids = rest_.grids->levels();
+    size_t k = 0;
+    while (k + 1 < grids.size() && grids[k].size > kFirstNodes) ++k;
+    return k;
+  }
+
+  // On to the next finer grid before iteration `next`.
+  void refine(int next, Renewals& renewals) {
+    --grid_;
+    if (grid_ > 0 || renewals.last == next - 1) {
+      renew_bulk();
+    } else {
+      renew_for_shape();
+      descent_.forget();
+      renewals.last = next;
+    }
+    if (grid_ == 0) renewals = {next + kRenewal, kRenewal, renewals.last};
+  }
+
   void descend(Evaluation& now) {
-    int since_update = 0, still = 0, renewal = figures_.started ? kStartedRenewal : kFirstRenewal, renewed = 0;
+    const int interval = figures_.started ? kStartedRenewal : kRenewal;
+    Renewals renewals = grid_ > 0 ? Renewals{kFirstRenewal, kCoarseRenewal} : Renewals{interval, interval};
+    int since_update = 0, still = 0, on_grid = 0;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
-      if (done == kFirstRenewal && contacts_.by_entries()) {  // the shape has the right side by now
+      if (done == kSides && contacts_.by_entries()) {  // the shape has the right side by now
         contacts_.forget_entries();
         now = evaluate(u_, gradient_);
       }
-      if (done == renewal || (scale_ < kAstray && done >= renewed + kAgain)) {
+      if (done == renewals.next || (scale_ < kAstray && done >= renewals.last + kAgain)) {
         renew_for_shape();
-        if (done < kForget || done < renewal) descent_.forget();
-        renewed = done;
-        if (done == renewal) renewal *= kRenewal;
+        if (done < kForget || done < renewals.next) descent_.forget();
+        renewals.done(done);
       }
       if (figures_.iterations >= bulk_at_ + kBulkInterval) renew_bulk();
-      if (!iterate(now)) {
+      const double before = now.energy;
+      const bool went = iterate(now);
+      if (!went && grid_ == 0) {
         figures_.ended = "stalled";
         return;
+      }
+      ++on_grid;
+      if (grid_ > 0 && (!went || (on_grid >= kLeastOnGrid && now.energy > (1 - kWorthStaying) * before))) {
+        refine(done + 1, renewals);
+        on_grid = 0;
       }
       ++since_update;
       const double mean = std::sqrt(now.contact.squares / std::max(1e-30f, now.contact.area));
@@ -410,7 +459,7 @@ class Solver {
         figures_.ended = "rest";
         return;
       }
-      still = figures_.step <= kStill && !off && !contacts_.by_entries() ? still + 1 : 0;
+      still = grid_ == 0 && figures_.step <= kStill && !off && !contacts_.by_entries() ? still + 1 : 0;
       if (still == kStillFor) {
         figures_.ended = "rounding";
         return;
@@ -446,6 +495,7 @@ class Solver {
   int updates_since_ = 0, bulk_at_ = 0;
   double change_before_ = 1e30, stiffer_ = 1;
   bool listed_ = false;
+  size_t grid_ = 0;                    // the finest one of the metric that makes directions
   ShapeHessian deformed_;              // in place of the rest shape's, once it is not empty
   std::unique_ptr<Multigrid> metric_;  // of this frame's contacts
 };

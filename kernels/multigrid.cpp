@@ -345,8 +345,18 @@ void Multigrid::cycle(Executor& executor, const EnergyLanes& lanes, size_t k, Ro
   smooth_step(executor, lanes, level, kDegree, kDegree == 1, x, other, now, x);
 }
 
-void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const {
-  cycle(executor, lanes, 0, x, work);
+void Multigrid::solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work, size_t grid) const {
+  std::vector<Row4*> rows{x};
+  for (size_t k = 0; k < grid; ++k) {
+    rows.push_back(work);
+    work += MultigridLevel::padded(levels_[k + 1].size);
+    parallel_for(executor, levels_[k + 1].size, "multigrid_restrict", Restrict{levels_[k].down, rows[k], rows[k + 1]}, kRows);
+  }
+  cycle(executor, lanes, grid, rows[grid], work);
+  for (size_t k = grid; k-- > 0;) {
+    parallel_for(executor, 4 * size_t{levels_[k].size}, "fill_words", FillWords{reinterpret_cast<uint32_t*>(rows[k]), 0}, 1 << 14);
+    parallel_for(executor, levels_[k].size, "multigrid_prolong", Prolong{levels_[k].up, rows[k + 1], rows[k]}, kRows);
+  }
 }
 
 }  // namespace knead

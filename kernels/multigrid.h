@@ -80,8 +80,8 @@ class Multigrid {
   // `added`: blocks by vertex that go onto the diagonal, in the executor's memory; may be null. `grids` must stay.
   Multigrid(Executor& executor, const MultigridGrids& grids, const Hessian& hessian, const float* added);
 
-  // x <- M x. `x` has solve_rows() rows; `work`: work_rows() of them.
-  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work) const;
+  // x <- M x. `x` has solve_rows() rows; `work`: work_rows() of them. Of grids coarser than the finest: x is what that grid, and not a finer one, can tell.
+  void solve(Executor& executor, const EnergyLanes& lanes, Row4* x, Row4* work, size_t grid = 0) const;
   const std::vector<MultigridLevel>& levels() const { return levels_; }
 
  private:

@@ -140,18 +140,18 @@ struct Cycle {
     hessian = matrix.hessian(executor, grids);
     grids.measure(executor, energy_lanes(executor), hessian);
   }
-  Buffer<Row4> solved(const std::vector<Block>& added, const Matrix::Vector& right) const {
+  Buffer<Row4> solved(const std::vector<Block>& added, const Matrix::Vector& right, size_t grid = 0) const {
     const Buffer<float> contacts = Matrix::floats(added);
     const Multigrid metric(on, grids, hessian, added.empty() ? nullptr : contacts.host().data());
     Buffer<Row4> rows(grids.solve_rows()), work(grids.work_rows());
     Row4* x = rows.data_for_write();
     std::fill_n(x, rows.size(), Row4{0, 0, 0, 0});
     for (size_t p = 0; p < right.size(); ++p) x[p] = to_row(to_float(right[p]));
-    metric.solve(on, energy_lanes(on), x, work.data_for_write());
+    metric.solve(on, energy_lanes(on), x, work.data_for_write(), grid);
     return rows;
   }
-  Matrix::Vector applied(const std::vector<Block>& added, const Matrix::Vector& right) const {
-    const Buffer<Row4> rows = solved(added, right);
+  Matrix::Vector applied(const std::vector<Block>& added, const Matrix::Vector& right, size_t grid = 0) const {
+    const Buffer<Row4> rows = solved(added, right, grid);
     Matrix::Vector x(right.size());
     for (size_t p = 0; p < x.size(); ++p) x[p] = to_double(to_vec(rows.host()[p]));
     return x;
@@ -223,6 +223,28 @@ TEST(Multigrid, TakesMostOfTheErrorAtAnyDepthWithPinsAndContacts) {
       EXPECT_LT(worst_factor(matrix, cycle, {}), 0.8) << "depth " << c.depth << ", pinned " << pinned;
       EXPECT_LT(worst_factor(matrix, cycle, matrix.contacts(5)), 0.85) << "depth " << c.depth << ", pinned " << pinned << ", contacts";
     }
+}
+
+// The body then moves as that grid can and no otherwise: what is left asks for next to nothing of it, and for much of the finer ones.
+TEST(Multigrid, MovesAsACoarseGridCan) {
+  const Matrix matrix(sphere(5, 4, 4), true);
+  const Cycle cycle(matrix, *matrix.executor);
+  const std::vector<Block> added = matrix.contacts(50);
+  for (size_t grid = 1; grid < cycle.grids.levels().size(); ++grid) {
+    const Matrix::Vector x = matrix.random(1), y = matrix.random(2), mx = cycle.applied(added, x, grid), my = cycle.applied(added, y, grid);
+    EXPECT_LT(std::abs(inner(x, my) - inner(y, mx)), 1e-5 * std::sqrt(inner(x, mx) * inner(y, my))) << "grid " << grid;
+    for (size_t p = 0; p < x.size(); ++p)
+      if (matrix.free[p] == 0) ASSERT_EQ(length(mx[p]), 0) << "a pinned vertex moves";
+    Matrix::Vector left = x, sum = mx;
+    for (int round = 0; round < 6; ++round) {
+      const Matrix::Vector moved = matrix.times(added, sum);
+      for (size_t p = 0; p < x.size(); ++p) left[p] = x[p] - moved[p];
+      const Matrix::Vector more = cycle.applied(added, left, grid);
+      for (size_t p = 0; p < x.size(); ++p) sum[p] += more[p];
+    }
+    EXPECT_LT(inner(left, cycle.applied(added, left, grid)), 0.02 * inner(x, mx)) << "grid " << grid;
+    EXPECT_GT(inner(left, cycle.applied(added, left, grid - 1)), 0.2 * inner(x, mx)) << "grid " << grid;
+  }
 }
 
 // What pushes on the finest grid must reach the others as if it had been in the matrix.
