@@ -18,7 +18,8 @@ namespace {
 
 constexpr int kBulkInterval = 10;                           // iterations after which it is looked at again where the enclosed volume would grow
 constexpr double kVolume = 1e-4;                            // relative error of the enclosed volume at rest
-constexpr uint32_t kFirstNodes = 1500;                      // of a grid to begin with, at most;
+constexpr uint32_t kSmall = 8000;                           // vertices of an H that begins with itself: it has few tets to crumple. Others begin with
+constexpr uint32_t kFirstNodes = 1500;                      // a grid of so many nodes at most;
 constexpr int kLeastOnGrid = 2;                             // iterations on one; from then on it is left when one of them
 constexpr double kWorthStaying = 0.1;                       // takes less than this part of the energy away
 constexpr int kSides = 4;                                   // iterations in which contacts stay on the side that was told from the rest shape
@@ -406,6 +407,7 @@ class Solver {
   size_t first_grid() const {
     const std::vector<MultigridLevel>& grids = rest_.grids->levels();
     size_t k = 0;
+    if (rest_.places <= kSmall) return k;
     while (k + 1 < grids.size() && grids[k].size > kFirstNodes) ++k;
     return k;
   }
