@@ -72,7 +72,7 @@ struct EquilibriumSettings {
   int max_iterations = 150;       // beside those of the way in
   double gradient = 3e-4;         // at rest when the sum of forces is below this part of the contact forces,
   double displacement = 2e-5;     // when the last step moved no vertex of H further than this part of M's diagonal,
-  double penetration = 1e-4;      // and when no contact is off by more than this part of M's diagonal, and a tenth of it in the mean (RMS, by area)
+  double penetration = 1e-4;      // and when no contact is off by more than this part of M's diagonal, and a twentieth of it in the mean (RMS, by area)
   double contact = 5;             // stiffness of a contact before its memory fills, relative to the body's own
   double gap = 2e-3;              // of M's diagonal: how far outside a collider its push begins, from nothing; see ContactEnergy::push_of
   double friction = 0;            // how much of a contact's push may pull back along the collider's surface to where the contact began

@@ -53,7 +53,7 @@ parameters:
   max_iterations: {default: 150, doc: "after which it ends in any case"}
   threshold: {default: 3.0e-4, doc: "sum of forces over contact forces at rest"}
   displacement: {default: 2.0e-5, doc: "longest last step at rest, in diagonals"}
-  penetration: {default: 1.0e-4, doc: "largest error of a contact at rest, in diagonals; in the mean a tenth of it"}
+  penetration: {default: 1.0e-4, doc: "largest error of a contact at rest, in diagonals; in the mean a twentieth of it"}
   face_samples: {default: 0, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
 nodes:
   tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, split_pieces: $split_pieces, lattice: $lattice}

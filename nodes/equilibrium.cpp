@@ -65,8 +65,8 @@ it is out of sight; far deeper flesh lets it through. The report counts `undecid
 which lie in the body and touch nothing, as bones do and what was let through.
 
 It never starts from the frame before, but a fine H can start from where a coarse one of the same surface came to rest, roughly: the same result within the stop
-rule, in fewer and sooner iterations (an H of 13 million tets in 16 instead of 118); `started` in the report says so. The coarse solve decides on which side of a collider the flesh is. What `start` brings
-passes through the host. Give both the same contact_samples, else contacts begin without their pushes.
+rule, in fewer iterations; `started` in the report says so. The coarse solve decides on which side of a collider the flesh is. What `start` brings passes
+through the host. Give both the same contact_samples, else contacts begin without their pushes.
 
   coarse: {type: build_tets, surface: head, max_depth: 4}
   first:  {type: equilibrium, surface: head, sdf: solid, tets: coarse, lattice: coarse.lattice, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 1.0e-2}
@@ -76,11 +76,12 @@ passes through the host. Give both the same contact_samples, else contacts begin
 Only ratios count: twice the stiffness everywhere is the same shape. So stiffness is painted (`stiffness_weights`), not given.
 
 It starts from rest and runs L-BFGS over a metric (Liu, Bouaziz, Kavan 2017): one multigrid cycle with the energy's second derivative, kept positive, a block of
-three by three per edge of H. Its grids belong to the rest shape and are made once; where the shape has changed the matrix follows it, and what pushes, at
-iterations 4, 8, 16, 32 and so on, and when steps are refused. It ends when the forces balance to `threshold` of the contact forces, the last step was short and
-no contact is off by more than `penetration`, or a tenth of it in the mean: `rest`. Else the report says `rounding` (a touch so light that float32 gets it no
-nearer to balance), `iterations` or `stalled`. What is left of penetration (below 1e-4 of the diagonal) is taken out by collide_sdf in mode project. Where no
-collider is nearer than the gap, M comes out untouched.
+three by three per edge of H. Its grids belong to the rest shape and are made once; where the shape has changed the matrix follows it, and what pushes, after
+4, 8, 16, 32 iterations and so on, and when steps are refused. An H of more than 8,000 vertices moves as the coarsest of these grids can at first, then as finer
+ones, each for as long as an iteration takes a tenth of the energy away: its own tets would crumple under fresh contacts. It ends when the forces balance to
+`threshold` of the contact forces, the last step was short and no contact is off by more than `penetration`, or a twentieth of it in the mean: `rest`. Else the
+report says `rounding` (a touch so light that float32 gets it no nearer to balance), `iterations` or `stalled`. What is left of penetration (below 1e-4 of the
+diagonal) is taken out by collide_sdf in mode project. Where no collider is nearer than the gap, M comes out untouched.
 The same bits for any number of threads.
 
 On a device a descent stays there: after an evaluation of the energy the host reads a few sums. The tables and the grids are made on the host, once, and so is,
@@ -131,7 +132,8 @@ class Equilibrium : public Node {
   Param<double> displacement{
       this, "displacement", EquilibriumSettings{}.displacement, {.min = 0, .unit = "diagonals", .doc = "longest last step at rest"}};
   Param<double> penetration{
-      this, "penetration", EquilibriumSettings{}.penetration, {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest; in the mean a tenth of it"}};
+      this, "penetration", EquilibriumSettings{}.penetration,
+      {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest; in the mean a twentieth of it"}};
   Param<int> memory_interval{this,
                              "memory_interval",
                              EquilibriumSettings{}.memory_interval,

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
@@ -95,6 +96,24 @@ nodes:
     EXPECT_LE(count.number("gradient"), 1e-3) << d;
     EXPECT_LE(count.number("iterations"), 30) << d;
   }
+}
+
+// A ball goes into a finer one by a thousandth of its diagonal a frame. Where fresh contacts crumple fine tets, neighbouring frames end half a step apart.
+TEST(EquilibriumFigures, AFineBodyIsSmoothInTime) {
+  const std::string text = R"(knead: 1
+nodes:
+  ball: {type: primitive, shape: sphere, radius: 1, resolution: 5}
+  small: {type: primitive, shape: sphere, radius: 0.5, resolution: 5}
+  motion: {type: transform, mesh: small, keys: {1: {translate: [0.03, 0.02, 1.18]}, 1001: {translate: [0.03, 0.02, -2.2841]}}}
+  solid: {type: mesh_to_sdf, mesh: motion}
+)" + fine_tets(6) + "  press: {type: equilibrium, surface: ball, sdf: solid, tets: tets6, lattice: tets6.lattice}\n";
+  Evaluator evaluator = evaluator_of(read_graph_text(text, "fine_ball.yaml"));
+  std::vector<Surface> frames;
+  for (int frame = 1; frame <= 3; ++frame) frames.push_back(evaluator.get<Surface>("press.surface", frame));
+  const auto at = [&](size_t frame, size_t i) { return frames[frame].points.host()[i]; };
+  float most = 0;
+  for (size_t i = 0; i < frames[0].points.size(); ++i) most = std::max(most, length(at(0, i) - 2.0f * at(1, i) + at(2, i)));
+  EXPECT_LT(most, 0.05f * 3.4641e-3f);
 }
 
 // The press of shared/data/press: straight at the pose, and played.
