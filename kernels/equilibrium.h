@@ -49,7 +49,7 @@ struct CarryTable;  // kernels/carry.h
 struct EquilibriumState {
   std::shared_ptr<const EquilibriumRest> rest;  // of the H that it is of
   Key key;                                      // of that
-  uint64_t surface = 0;                         // M's points
+  Key surface;                                  // of M's points
   Buffer<Vec3f> moved;                          // by place of that rest: displacements, M's local space; none where nothing touched
   Buffer<float> pressures;                      // [colliders][samples] of contacts, over the body's stiffness
   double volume_pressure = 0;                   // of the enclosed volume's memory, likewise

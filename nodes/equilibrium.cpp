@@ -28,6 +28,17 @@ struct PortTraits<PreparedCarry> {
   static void each_buffer(PreparedCarry&, F&&) {}
 };
 
+// What M at rest is, whichever handle it comes by: one that the cache had no room for is another buffer when it is made again.
+struct Contents {
+  Key key;
+};
+template <>
+struct PortTraits<Contents> {
+  static constexpr const char* name = "Contents";
+  template <class F>
+  static void each_buffer(Contents&, F&&) {}
+};
+
 // A field that is on a device, where the host can read it.
 struct FieldOnHost {
   Buffer<std::byte> grid;
@@ -159,7 +170,7 @@ class Equilibrium : public Node {
     const Surface& body = context.get(surface);
     const TetMesh& mesh = context.get(tets);
     const Lattice& bound = context.get(lattice);
-    if (body.points.id() != bound.rest.points.id())
+    if (body.points.id() != bound.rest.points.id() && contents(context, body.points) != contents(context, bound.rest.points))
       throw Error(ErrorCode::kInput, "surface is not the one that the lattice binds", "connect the surface that build_tets has");
     const Key rest_key = key(context, mesh, bound);
     const Value shared = context.once(rest_key, [&] { return Value::of(PreparedRest{prepare(context, mesh, bound)}); });
@@ -190,14 +201,14 @@ class Equilibrium : public Node {
     Value carry;
     settings.start = context.get(start);
     if (settings.start) {
-      carry = carry_from(context, *settings.start, rest, rest_key, body.points.id());
+      carry = carry_from(context, *settings.start, rest, rest_key, contents(context, body.points));
       settings.carry = carry.as<PreparedCarry>().table.get();
     }
     EquilibriumState end;
     const Buffer<Vec3f> moved = solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures, context.wants(state) ? &end : nullptr);
     end.rest = shared.as<PreparedRest>().rest;
     end.key = rest_key;
-    end.surface = body.points.id();
+    if (context.wants(state)) end.surface = contents(context, body.points);
     Surface pressed = body;
     if (figures.ended != "no contact") pressed.points = map_to_surface(context.executor(), moved, bound);
     context.add_time("elastic", figures.elastic_seconds);
@@ -210,7 +221,15 @@ class Equilibrium : public Node {
   }
 
  private:
-  static Value carry_from(Context& context, const EquilibriumState& from, const EquilibriumRest& to, const Key& key, uint64_t surface) {
+  static Key contents(Context& context, const Buffer<Vec3f>& points) {
+    const auto make = [&] {
+      const Buffer<Vec3f> here = context.on_host(points);
+      return Value::of(Contents{Hasher().bytes(here.host().data(), here.bytes()).key()});
+    };
+    return context.once(Hasher().add("contents").add(points.id()).key(), make).as<Contents>().key;
+  }
+
+  static Value carry_from(Context& context, const EquilibriumState& from, const EquilibriumRest& to, const Key& key, const Key& surface) {
     if (from.surface != surface)
       throw Error(ErrorCode::kInput, "start is of another surface", "start from an equilibrium of the same surface, with a coarser H around it");
     return context.once(Hasher().add("carry").add(from.key).add(key).key(),

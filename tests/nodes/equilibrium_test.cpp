@@ -218,6 +218,23 @@ TEST(EquilibriumCascade, RefusesTheStateOfAnotherSurface) {
   }
 }
 
+// What does not fit into the cache is made again, and then is another buffer with the same contents.
+TEST(EquilibriumCascade, TakesACacheThatIsTooSmall) {
+  const Surface whole = Evaluator(compile(cascade())).get<Surface>("cascade.surface", 2);
+  for (const size_t bytes : {size_t{0}, size_t{1} << 16, size_t{1} << 18, size_t{1} << 20, size_t{1} << 22, size_t{1} << 23}) {
+    EvaluatorOptions options;
+    options.cache = std::make_shared<Cache>(bytes);
+    Evaluator evaluator(compile(cascade()), options);
+    for (const int frame : {3, 2}) {
+      evaluator.get<Surface>("cascade.surface", frame);
+      evaluator.get<Surface>("press.surface", frame);
+      evaluator.get<Surface>("direct.surface", frame);
+    }
+    const Surface part = evaluator.get<Surface>("cascade.surface", 2);
+    EXPECT_EQ(std::memcmp(whole.points.host().data(), part.points.host().data(), whole.points.bytes()), 0) << bytes;
+  }
+}
+
 // The one-node form is the same as its parts by hand.
 TEST(Equilibrium, IsOneNodeToo) {
   GraphSpec graph = pressed();
