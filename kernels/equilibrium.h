@@ -77,7 +77,7 @@ struct EquilibriumSettings {
   double gap = 2e-3;              // of M's diagonal: how far outside a collider its push begins, from nothing; see ContactEnergy::push_of
   double friction = 0;            // how much of a contact's push may pull back along the collider's surface to where the contact began
   int memory_interval = 15;       // iterations after which the contact memory is updated in any case
-  double memory_gradient = 0.4;   // or when the relative gradient is below this
+  double memory_gradient = 0.1;   // or when the relative gradient is below this
   double margin = 0;              // M's local units
   Vec3d entry{0, 0, 0};           // the way that the colliders came in, world; zero: told from the rest shape
   const EquilibriumState* start = nullptr;  // null: rest. Contacts begin with its pushes when it has as many colliders and samples,
