@@ -34,6 +34,7 @@ constexpr int kWayRenewal = 8;                              // and after how man
 constexpr double kShorter = 0.7, kLonger = 1.05;            // how the metric is scaled when a full step was refused, or taken
 constexpr int kSoon = 3;                                    // iterations in which the memory is updated again only where the gradient is
 constexpr double kClear = 0.3;                              // so far below what is asked: else the two keep each other moving
+constexpr double kOnTheWay = 4;                             // times the gradient at which the memory is updated, where colliders came in: else flesh gets past
 constexpr int kPatience = 4;                                // updates of the memory after which its error should have fallen by
 constexpr double kProgress = 0.5;                           // this factor, else contacts become stiffer,
 constexpr double kStiffest = 64;                            // at most this much
@@ -429,6 +430,7 @@ class Solver {
     const int interval = figures_.started ? kStartedRenewal : kRenewal;
     Renewals renewals = grid_ > 0 ? Renewals{kFirstRenewal, kCoarseRenewal} : Renewals{interval, interval};
     int since_update = 0, still = 0, on_grid = 0;
+    const double often = figures_.way_in > 0 ? kOnTheWay : 1;
     figures_.ended = "iterations";
     for (int done = 0; done < settings_.max_iterations; ++done) {
       if (done == kSides && contacts_.by_entries()) {  // the shape has the right side by now
@@ -467,7 +469,7 @@ class Solver {
         return;
       }
       if ((off || std::abs(contacts_.volume_error()) > kVolume) &&
-          (relative(now) <= settings_.memory_gradient * (since_update < kSoon ? kClear : 1) || since_update >= settings_.memory_interval)) {
+          (relative(now) <= often * settings_.memory_gradient * (since_update < kSoon ? kClear : 1) || since_update >= settings_.memory_interval)) {
         update_memory(now);
         since_update = 0;
       }
