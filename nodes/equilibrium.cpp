@@ -80,7 +80,7 @@ rule, in fewer iterations; `started` in the report says so. The coarse solve dec
 through the host. Give both the same contact_samples, else contacts begin without their pushes.
 
   coarse: {type: build_tets, surface: head, max_depth: 4}
-  first:  {type: equilibrium, surface: head, sdf: solid, tets: coarse, lattice: coarse.lattice, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 1.0e-2}
+  first:  {type: equilibrium, surface: head, sdf: solid, tets: coarse, lattice: coarse.lattice, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 2.0e-2}
   tets:   {type: build_tets, surface: head, max_depth: 6}
   press:  {type: equilibrium, surface: head, sdf: solid, tets: tets, lattice: tets.lattice, start: first.state}
 

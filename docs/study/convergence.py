@@ -303,7 +303,7 @@ def study_depth(study):
             gradient_alone = {"threshold": 1e-3, "displacement": 1, "penetration": 1, "max_iterations": 300}
             scene.equilibrium(nodes, "gradient", **gradient_alone)
             nodes["coarse"] = dict(nodes["tets"], max_depth=depth - 2)
-            nodes["first"] = {**nodes["eq"], "tets": "coarse", "lattice": "coarse.lattice", "threshold": 1e-2, "displacement": 1e-2, "penetration": 1e-2}
+            nodes["first"] = {**nodes["eq"], "tets": "coarse", "lattice": "coarse.lattice", "threshold": 1e-2, "displacement": 1e-2, "penetration": 2e-2}
             nodes["first_m"] = {"type": "measure", "surface": "first.surface", "rest": "body", "report": "first.report"}
             scene.equilibrium(nodes, "started", start="first.state", max_iterations=300)
             scene.equilibrium(nodes, "started_gradient", start="first.state", **gradient_alone)

@@ -72,7 +72,7 @@ nodes:
   for (const int depth : {2, 3, 4, 5}) text += fine_tets(depth);
   for (const int depth : {4, 5}) {
     const std::string d = std::to_string(depth);
-    text += fine_press("coarse" + d, depth - 2, "threshold: 1.0e-2, displacement: 1.0e-2, penetration: 1.0e-2");
+    text += fine_press("coarse" + d, depth - 2, "threshold: 1.0e-2, displacement: 1.0e-2, penetration: 2.0e-2");
     text += fine_press("rest" + d, depth, "max_iterations: 150");
     text += fine_press("started" + d, depth, "start: coarse" + d + ".state");
     text += fine_press("count" + d, depth, gradient_alone + ", start: coarse" + d + ".state");
