@@ -22,8 +22,8 @@ It is a group that stands for these nodes (method.md 4):
 are deep; this one ends at rest, keeps the volume to a few hundredths of a percent, and is smooth in time. Where no collider is nearer than contact_gap, the
 surface comes out untouched.
 
-One of a million tets and more gets there sooner from where a coarse one roughly came to rest: the same result within the stop rule, in 17 to 26 iterations
-instead of 29 to 41 (docs/convergence.md). A smaller one gains nothing.
+One of a million tets and more gets there sooner from where a coarse one roughly came to rest: the same result within the stop rule, in 16 to 26 iterations
+instead of 30 to 42 (docs/convergence.md). A smaller one gains nothing.
   first:  {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 5, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 2.0e-2}
   result: {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 7, start: first.state}
 
