@@ -37,11 +37,11 @@ struct Scene {
   EquilibriumSettings settings;
   double diagonal = 0;  // cells
 
-  explicit Scene(std::vector<Sdf> of, const Surface& surface = make_sphere(1, 2), int depth = 3) : colliders(std::move(of)) {
+  explicit Scene(std::vector<Sdf> of, const Surface& surface = make_sphere(1, 2), int depth = 3, int least = 3) : colliders(std::move(of)) {
     std::vector<std::string> warnings;
     TetBuildOptions options;
     options.max_depth = depth;
-    options.min_depth = 3;
+    options.min_depth = least;
     built = build_tets(surface, options, *make_cpu_executor(2), warnings);
     settings.max_iterations = 300;
     diagonal = built.lattice.rest.diagonal() / built.lattice.to_local.scale;
@@ -112,6 +112,12 @@ TEST_P(EquilibriumOnDevice, EndsAtTheHostsShapeOnSeveralGridsBetweenSeveralColli
   scene.colliders[0].placement.rotation = {0.6, -0.8, 0, 0.8, 0.6, 0, 0, 0, 1};
   scene.colliders[2].placement.rotation = {1, 0, 0, 0, 0.28, 0.96, 0, -0.96, 0.28};
   compare(scene, "three balls");
+}
+
+TEST_P(EquilibriumOnDevice, EndsAtTheHostsShapeFromDirectionsOfCoarseGrids) {
+  Scene scene({above(), ball(0.4, {0.1, -1.2, 0})}, make_sphere(1, 5), 5, 4);
+  ASSERT_GT(scene.built.tets.vertices(), 8000u);
+  compare(scene, "a fine H");
 }
 
 TEST_P(EquilibriumOnDevice, EndsAtTheHostsShapeWithSamplesFrictionPinsAndPaint) {
