@@ -98,7 +98,8 @@ nodes:
   }
 }
 
-// A ball goes into a finer one by a thousandth of its diagonal a frame. Where fresh contacts crumple fine tets, neighbouring frames end half a step apart.
+// A ball goes into a finer one by a thousandth of its diagonal a frame. Where fresh contacts crumple fine tets, neighbouring frames end half a step apart;
+// where contacts are off by a tenth of `penetration` in the mean at rest, 7 % of one.
 TEST(EquilibriumFigures, AFineBodyIsSmoothInTime) {
   const std::string text = R"(knead: 1
 nodes:
@@ -109,10 +110,11 @@ nodes:
 )" + fine_tets(6) + "  press: {type: equilibrium, surface: ball, sdf: solid, tets: tets6, lattice: tets6.lattice}\n";
   Evaluator evaluator = evaluator_of(read_graph_text(text, "fine_ball.yaml"));
   std::vector<Surface> frames;
-  for (int frame = 1; frame <= 3; ++frame) frames.push_back(evaluator.get<Surface>("press.surface", frame));
+  for (int frame = 1; frame <= 5; ++frame) frames.push_back(evaluator.get<Surface>("press.surface", frame));
   const auto at = [&](size_t frame, size_t i) { return frames[frame].points.host()[i]; };
   float most = 0;
-  for (size_t i = 0; i < frames[0].points.size(); ++i) most = std::max(most, length(at(0, i) - 2.0f * at(1, i) + at(2, i)));
+  for (size_t f = 1; f + 1 < frames.size(); ++f)
+    for (size_t i = 0; i < frames[f].points.size(); ++i) most = std::max(most, length(at(f - 1, i) - 2.0f * at(f, i) + at(f + 1, i)));
   EXPECT_LT(most, 0.05f * 3.4641e-3f);
 }
 
