@@ -6,7 +6,7 @@
 
 #include "io/files.h"
 #ifdef KNEAD_PICTURES
-#include "io/picture.h"
+#include "io/picture/picture.h"
 #endif
 
 namespace knead::app {

@@ -6,16 +6,17 @@ install(TARGETS knead EXPORT kneadTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LI
 install(EXPORT kneadTargets NAMESPACE knead:: DESTINATION ${KNEAD_CONFIG_DIR})
 
 file(GLOB graph_headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/graph/*.h)
-list(FILTER graph_headers EXCLUDE REGEX "/(iterate|round|loop|device_executor)\\.h$") # the compiler's and the evaluator's own
+list(FILTER graph_headers EXCLUDE REGEX "/(iterate|plan_values|loop|device_executor)\\.h$") # the compiler's and the evaluator's own
 install(FILES ${graph_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/graph)
-foreach(header vec data neighbour_table parallel)
+foreach(header vec port_types neighbour_table parallel)
   install(FILES kernels/${header}.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/kernels)
 endforeach()
-foreach(header files graph_file libraries mesh_io schema stats)
+foreach(header files graph_file libraries schema stats)
   install(FILES io/${header}.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/io)
 endforeach()
+install(FILES io/mesh/mesh_io.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/io/mesh)
 if(KNEAD_PICTURES)
-  install(FILES io/picture.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/io)
+  install(FILES io/picture/picture.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/io/picture)
 endif()
 
 configure_package_config_file(cmake/kneadConfig.cmake.in ${CMAKE_CURRENT_BINARY_DIR}/kneadConfig.cmake INSTALL_DESTINATION ${KNEAD_CONFIG_DIR})

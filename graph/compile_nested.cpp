@@ -133,8 +133,8 @@ bool Compiler::find_next(Scope& scope, Scope& inner, const Literal& next, std::v
         if (!reads || !state->type || !input.type || same_type(*state->type, *input.type)) continue;
         Where where = node.where;
         where.member = input.name;
-        fail(where,
-             "expected " + with_article(input.type->name) + ", but 'state." + name + "' is " + with_article(state->type->name) + " from the second round on");
+        fail(where, "expected " + with_article(input.type->name) + ", but 'state." + name + "' is " + with_article(state->type->name) +
+                        " from the second round on");
         good = false;
       }
   }

@@ -32,7 +32,8 @@ Reference Compiler::connect(Scope& scope, const Literal& value, const Wanted& wa
       const PortType* is = scope.plan->type_of(source);
       if (is && wanted.type && std::strcmp(is->name, wanted.type) != 0) {
         const std::string& written = *item.as_string();
-        fail(where_of(scope, item, node, wanted.name), "expected " + with_article(wanted.type) + ", but '" + written + "' is " + with_article(is->name),
+        fail(where_of(scope, item, node, wanted.name),
+             "expected " + with_article(wanted.type) + ", but '" + written + "' is " + with_article(is->name),
              output_of_type(*scope.plan, source, written.substr(0, written.find('.')), wanted.type));
         all.failed = true;
       }

@@ -10,7 +10,7 @@
 #include <system_error>
 #include <thread>
 
-#include "graph/round.h"
+#include "graph/plan_values.h"
 
 namespace knead {
 namespace {
@@ -43,7 +43,7 @@ struct FrameState {
   FrameState(int f, const Plan& plan, size_t n) : frame(f), round(plan), keys(n), times(n), errors(n), failed(n), warnings(n) {}
 
   int frame;
-  Round round;
+  PlanValues round;
   std::vector<Key> keys;                     // per plan node, as the rest
   std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
   std::vector<std::optional<Error>> errors;
@@ -98,7 +98,7 @@ struct Evaluator::Impl {
 
 namespace {
 
-class FrameContext final : public RoundContext {
+class FrameContext final : public PlanContext {
  public:
   FrameContext(Evaluator::Impl& evaluator, FrameState& state, int node);
 
@@ -106,7 +106,7 @@ class FrameContext final : public RoundContext {
   bool checked() const override { return evaluator_.options.checked; }
   bool cancelled() const override { return evaluator_.cancelled(); }
   const Value& input(int port, size_t i) const override {
-    return moved_.empty() ? RoundContext::input(port, i) : moved_[static_cast<size_t>(port)].at(i);
+    return moved_.empty() ? PlanContext::input(port, i) : moved_[static_cast<size_t>(port)].at(i);
   }
   void warn(const std::string& message) override;
   Value once(const Key& key, FunctionRef<Value()> make) override;
@@ -136,7 +136,7 @@ class FrameContext final : public RoundContext {
 };
 
 FrameContext::FrameContext(Evaluator::Impl& evaluator, FrameState& state, int node)
-    : RoundContext(state.round, node), evaluator_(evaluator), state_(state), executor_(evaluator.executor_of(plan_node())) {}
+    : PlanContext(state.round, node), evaluator_(evaluator), state_(state), executor_(evaluator.executor_of(plan_node())) {}
 
 void FrameContext::warn(const std::string& message) {
   const std::string line = "node '" + plan_node().name + "': " + message;
@@ -167,13 +167,13 @@ void FrameContext::bring_inputs() {
   const auto& ports = plan_node().inputs;
   const auto here = [&](const Value& value) { return !value || value.type()->on_device(value, executor_.device()); };
   const bool all_here = std::all_of(ports.begin(), ports.end(), [&](const std::vector<Source>& sources) {
-    return std::all_of(sources.begin(), sources.end(), [&](Source source) { return here(round_.at(source)); });
+    return std::all_of(sources.begin(), sources.end(), [&](Source source) { return here(values_.at(source)); });
   });
   if (all_here) return;
   moved_.resize(ports.size());
   for (size_t port = 0; port < ports.size(); ++port)
     for (const Source source : ports[port])
-      if (const Value& value = round_.at(source)) moved_[port].push_back(evaluator_.brought(value, executor_.device()));
+      if (const Value& value = values_.at(source)) moved_[port].push_back(evaluator_.brought(value, executor_.device()));
 }
 
 // What the node has just launched may not have written it yet, and the cache must not keep it: the node has not published it.
@@ -391,8 +391,8 @@ namespace {
 std::vector<NodeTime> in_place_of_cached(const std::vector<NodeTime>& times, const std::vector<std::vector<NodeTime>>& prepared) {
   std::vector<NodeTime> result;
   for (const NodeTime& time : times) {
-    const auto known =
-        std::find_if(prepared.begin(), prepared.end(), [&](const auto& parts) { return time.cached && !parts.empty() && parts.front().name == time.name; });
+    const auto known = std::find_if(prepared.begin(), prepared.end(),
+                                    [&](const auto& parts) { return time.cached && !parts.empty() && parts.front().name == time.name; });
     if (known == prepared.end())
       result.push_back(time);
     else
@@ -411,7 +411,8 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
     if (result.frame == frames.front()) result.times = in_place_of_cached(result.times, prepared);
     done(std::move(result));
   };
-  const std::vector<int> starved = run_frames(frames, std::max(impl_->host->threads(), impl_->device->frames_at_once()), outputs, effects, with_prepared);
+  const std::vector<int> starved =
+      run_frames(frames, std::max(impl_->host->threads(), impl_->device->frames_at_once()), outputs, effects, with_prepared);
   run_frames(starved, 1, outputs, effects, with_prepared);
 }
 

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "graph/loop.h"
+#include "graph/plan_values.h"
 #include "graph/report.h"
-#include "graph/round.h"
 
 namespace knead {
 namespace {
@@ -29,10 +29,10 @@ decided by the host until the loop ends. What changes from round to round must t
 host as a whole.)";
 
 // A body node sees its round, and through it what the loop's own context says of frame, executor, cancellation and cache.
-class BodyContext final : public RoundContext {
+class BodyContext final : public PlanContext {
  public:
-  BodyContext(Round& round, int node, const std::vector<Source>& dies, Context& outer, LoopRecorder* recorder)
-      : RoundContext(round, node), dies_(dies), outer_(outer), recorder_(recorder) {}
+  BodyContext(PlanValues& round, int node, const std::vector<Source>& dies, Context& outer, LoopRecorder* recorder)
+      : PlanContext(round, node), dies_(dies), outer_(outer), recorder_(recorder) {}
   // What dies with its own maker has no reader.
   bool wants_output(int port) const override { return std::find(dies_.begin(), dies_.end(), Source{node_, port}) == dies_.end(); }
   Executor& executor() const override { return recorder_ ? *recorder_ : outer_.executor(); }
@@ -58,7 +58,7 @@ class BodyContext final : public RoundContext {
   LoopRecorder* recorder_;  // null: rounds are run one by one
 };
 
-void run_body(Round& round, bool first, const std::vector<std::vector<Source>>& dies_after, std::vector<double>& seconds, Context& outer,
+void run_body(PlanValues& round, bool first, const std::vector<std::vector<Source>>& dies_after, std::vector<double>& seconds, Context& outer,
               LoopRecorder* recorder = nullptr) {
   for (size_t i = 0; i < round.plan.nodes.size(); ++i) {
     if (!first && !round.plan.nodes[i].state_dependent) continue;
@@ -167,7 +167,7 @@ void Iterate::add_to_key(Hasher& hasher, int frame) const {
 }
 
 void Iterate::evaluate(Context& context) const {
-  Round round(body_);
+  PlanValues round(body_);
   for (size_t i = 0; i < body_.externals.size(); ++i)
     if (context.input_count(static_cast<int>(i))) round.externals[i] = context.input(static_cast<int>(i), 0);
   std::vector<double> seconds(body_.nodes.size());
@@ -208,7 +208,7 @@ void Iterate::evaluate(Context& context) const {
 
 // Makes the rounds after the first on the device, if the device can and nothing in the body needs the host. `round` and `next` are as the first round
 // left them, not yet counted; where this is true the states are in round.externals and `progress` says how the loop ended.
-bool Iterate::stay_on_device(Context& context, Round& round, const std::vector<Value>& next, std::vector<double>& seconds,
+bool Iterate::stay_on_device(Context& context, PlanValues& round, const std::vector<Value>& next, std::vector<double>& seconds,
                              LoopProgress& progress) const {
   Executor& executor = context.executor();
   const std::unique_ptr<LoopRecorder> recorder = executor.record_loop();
@@ -249,7 +249,7 @@ bool Iterate::stay_on_device(Context& context, Round& round, const std::vector<V
   executor.launch(end, 1);
 
   // Recorded storage dies before the recorder does.
-  Round recorded = round;
+  PlanValues recorded = round;
   std::vector<Value> after(states_.size());
   std::vector<Buffer<double>> recorded_unrest;
   LoopCommit commit{};

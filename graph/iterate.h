@@ -7,7 +7,7 @@
 namespace knead {
 
 struct LoopProgress;
-struct Round;
+struct PlanValues;
 
 class Iterate : public Node {
  public:
@@ -36,7 +36,8 @@ class Iterate : public Node {
 
  private:
   void find_last_readers();
-  bool stay_on_device(Context& context, Round& round, const std::vector<Value>& next, std::vector<double>& seconds, LoopProgress& progress) const;
+  bool stay_on_device(Context& context, PlanValues& round, const std::vector<Value>& next, std::vector<double>& seconds,
+                      LoopProgress& progress) const;
   [[noreturn]] void throw_broken(size_t state, int rounds) const;
 
   Plan body_;

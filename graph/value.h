@@ -1,6 +1,6 @@
 // A type-erased, shared, immutable value that travels between ports.
 //
-// A type becomes a port type by specialising PortTraits<T> (see kernels/data.h for Knead's own, tests/graph for toys):
+// A type becomes a port type by specialising PortTraits<T> (see kernels/port_types.h for Knead's own, tests/graph for toys):
 //   static constexpr const char* name;                              "Surface"
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
 //   and optionally
@@ -28,10 +28,10 @@ class Value;
 
 struct PortType {
   const char* name;
-  size_t (*bytes)(const Value&);                                         // of all its buffers
-  bool (*on_device)(const Value&, Device);                               // every buffer that devices read lives there
+  size_t (*bytes)(const Value&);                                                                  // of all its buffers
+  bool (*on_device)(const Value&, Device);                                                        // every buffer that devices read lives there
   Value (*with_buffers)(const Value&, FunctionRef<Buffer<std::byte>(const Buffer<std::byte>&)>);  // a copy with these replaced
-  Key (*content)(const Value&);                                          // hash of all host buffers and of PortTraits<T>::hash; checked mode
+  Key (*content)(const Value&);                                                  // hash of all host buffers and of PortTraits<T>::hash; checked mode
   Buffer<double> (*unrest)(const Value& before, const Value& after, Executor&);  // null when the type has none
 };
 

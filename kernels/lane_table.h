@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 #include "kernels/vec.h"
 
 namespace knead {
@@ -26,8 +26,13 @@ struct LaneTable {
 
 // Throws when the table lives elsewhere than `device`.
 inline LaneTable lane_table(const NeighbourTable& table, Device device) {
-  return {table.order.view(device).data(),  table.valence.view(device).data(), table.block_offsets.view(device).data(), table.indices.view(device).data(),
-          table.values.view(device).data(), table.entries(),                   table.lanes};
+  return {table.order.view(device).data(),
+          table.valence.view(device).data(),
+          table.block_offsets.view(device).data(),
+          table.indices.view(device).data(),
+          table.values.view(device).data(),
+          table.entries(),
+          table.lanes};
 }
 
 }  // namespace knead

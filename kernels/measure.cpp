@@ -8,10 +8,10 @@
 #include <limits>
 
 #include "kernels/lane_table.h"
-#include "kernels/loop_points.h"
-#include "kernels/mesh_distance.h"
+#include "kernels/loop/loop_points.h"
 #include "kernels/parallel.h"
 #include "kernels/sdf_sample.h"
+#include "kernels/surface/mesh_distance.h"
 
 namespace knead {
 namespace {
@@ -54,7 +54,9 @@ struct EdgeSums {
 
 }  // namespace
 
-void ColliderDistance::add(const Sdf& sdf) { colliders_.push_back({&sdf, nullptr, sdf.placement.inverse()}); }
+void ColliderDistance::add(const Sdf& sdf) {
+  colliders_.push_back({&sdf, nullptr, sdf.placement.inverse()});
+}
 void ColliderDistance::add(const Sdf& sdf, std::shared_ptr<const MeshDistance> exact) {
   colliders_.push_back({&sdf, std::move(exact), sdf.placement.inverse()});
 }
@@ -83,7 +85,9 @@ Penetration measure_penetration(Executor& executor, const Surface& surface, cons
         const double depth = std::max(0.0, -colliders(world(i)));
         return VertexSums{depth, depth * depth, depth > 0 ? 1.0 : 0.0};
       },
-      [](const VertexSums& a, const VertexSums& b) { return VertexSums{std::max(a.deepest, b.deepest), a.squares + b.squares, a.inside + b.inside}; });
+      [](const VertexSums& a, const VertexSums& b) {
+        return VertexSums{std::max(a.deepest, b.deepest), a.squares + b.squares, a.inside + b.inside};
+      });
   found.vertices_max = vertices.deepest;
   found.vertices_rms = std::sqrt(vertices.squares / static_cast<double>(points.size()));
   found.vertices_inside = static_cast<size_t>(vertices.inside);
@@ -137,14 +141,18 @@ TetFigures measure_tets(Executor& executor, const Buffer<Vec3f>& points, const T
         const double volume = dot(cross(edge(a, b), edge(a, c)), edge(a, d)) / 6;
         return TetSums{volumes[t], volume, volume > 0 ? 0.0 : 1.0};
       },
-      [](const TetSums& a, const TetSums& b) { return TetSums{a.rest + b.rest, a.now + b.now, a.inverted + b.inverted}; });
+      [](const TetSums& a, const TetSums& b) {
+        return TetSums{a.rest + b.rest, a.now + b.now, a.inverted + b.inverted};
+      });
   const EdgeSums stretch = parallel_reduce(
       executor, edges.size(), "measure_edges", EdgeSums{},
       [&](uint32_t e) {
         const double part = std::abs(length(edge(edges[e][0], edges[e][1])) / lengths[e] - 1);
         return EdgeSums{part, part};
       },
-      [](const EdgeSums& a, const EdgeSums& b) { return EdgeSums{a.sum + b.sum, std::max(a.largest, b.largest)}; });
+      [](const EdgeSums& a, const EdgeSums& b) {
+        return EdgeSums{a.sum + b.sum, std::max(a.largest, b.largest)};
+      });
   TetFigures figures;
   figures.rest_volume = sums.rest;
   figures.volume = sums.now;

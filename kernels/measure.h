@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "graph/executor.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 
@@ -46,8 +46,8 @@ double signed_volume(Executor& executor, std::span<const Vec3f> points, std::spa
 double largest_displacement(Executor& executor, const Surface& before, const Surface& after);
 
 struct TetFigures {
-  double rest_volume = 0, volume = 0;  // cells^3
-  size_t inverted = 0;                 // tets whose volume is not positive
+  double rest_volume = 0, volume = 0;        // cells^3
+  size_t inverted = 0;                       // tets whose volume is not positive
   double stretch_mean = 0, stretch_max = 0;  // |L / L_rest - 1| over the edges
 };
 TetFigures measure_tets(Executor& executor, const Buffer<Vec3f>& points, const TetMesh& tets);

@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 

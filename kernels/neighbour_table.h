@@ -1,4 +1,4 @@
-// Building, checking and reading back the valence-sorted neighbour table (kernels/data.h says how it is laid out; paper Fig. 2).
+// Building, checking and reading back the valence-sorted neighbour table (kernels/port_types.h says how it is laid out; paper Fig. 2).
 #pragma once
 #include <array>
 #include <cstdint>
@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "graph/executor.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 

@@ -42,26 +42,58 @@ struct Lane<float> {
 
 #if defined(__SSE2__) && !defined(__CUDACC__)  // nvcc knows no vector types; a device lane is a float
 namespace detail {
-KNEAD_HD Pack<4> row(const Vec3f* v, uint32_t i) { return _mm_loadu_ps(&v[i].x); }  // reads 4 bytes past the row: see Buffer::kPaddingBytes
-KNEAD_HD Pack<4> four_rows(const Vec3f* v, const uint32_t* i, Pack<4>) { return row(v, *i); }
-KNEAD_HD Pack<4> low(Pack<4> a, Pack<4> b) { return _mm_unpacklo_ps(a, b); }
-KNEAD_HD Pack<4> high(Pack<4> a, Pack<4> b) { return _mm_unpackhi_ps(a, b); }
-KNEAD_HD Pack<4> even(Pack<4> a, Pack<4> b) { return _mm_shuffle_ps(a, b, 0x44); }
-KNEAD_HD Pack<4> odd(Pack<4> a, Pack<4> b) { return _mm_shuffle_ps(a, b, 0xee); }
-KNEAD_HD Pack<4> root(Pack<4> v) { return _mm_sqrt_ps(v); }
-KNEAD_HD Pack<4> rough_reciprocal(Pack<4> v) { return _mm_rcp_ps(v); }
-KNEAD_HD Pack<4> rough_inverse_root(Pack<4> v) { return _mm_rsqrt_ps(v); }
+KNEAD_HD Pack<4> row(const Vec3f* v, uint32_t i) {
+  return _mm_loadu_ps(&v[i].x);
+}  // reads 4 bytes past the row: see Buffer::kPaddingBytes
+KNEAD_HD Pack<4> four_rows(const Vec3f* v, const uint32_t* i, Pack<4>) {
+  return row(v, *i);
+}
+KNEAD_HD Pack<4> low(Pack<4> a, Pack<4> b) {
+  return _mm_unpacklo_ps(a, b);
+}
+KNEAD_HD Pack<4> high(Pack<4> a, Pack<4> b) {
+  return _mm_unpackhi_ps(a, b);
+}
+KNEAD_HD Pack<4> even(Pack<4> a, Pack<4> b) {
+  return _mm_shuffle_ps(a, b, 0x44);
+}
+KNEAD_HD Pack<4> odd(Pack<4> a, Pack<4> b) {
+  return _mm_shuffle_ps(a, b, 0xee);
+}
+KNEAD_HD Pack<4> root(Pack<4> v) {
+  return _mm_sqrt_ps(v);
+}
+KNEAD_HD Pack<4> rough_reciprocal(Pack<4> v) {
+  return _mm_rcp_ps(v);
+}
+KNEAD_HD Pack<4> rough_inverse_root(Pack<4> v) {
+  return _mm_rsqrt_ps(v);
+}
 #if defined(__AVX2__)
 KNEAD_HD Pack<8> four_rows(const Vec3f* v, const uint32_t* i, Pack<8>) {
   return _mm256_insertf128_ps(_mm256_castps128_ps256(row(v, i[0])), row(v, i[4]), 1);
 }
-KNEAD_HD Pack<8> low(Pack<8> a, Pack<8> b) { return _mm256_unpacklo_ps(a, b); }
-KNEAD_HD Pack<8> high(Pack<8> a, Pack<8> b) { return _mm256_unpackhi_ps(a, b); }
-KNEAD_HD Pack<8> even(Pack<8> a, Pack<8> b) { return _mm256_shuffle_ps(a, b, 0x44); }
-KNEAD_HD Pack<8> odd(Pack<8> a, Pack<8> b) { return _mm256_shuffle_ps(a, b, 0xee); }
-KNEAD_HD Pack<8> root(Pack<8> v) { return _mm256_sqrt_ps(v); }
-KNEAD_HD Pack<8> rough_reciprocal(Pack<8> v) { return _mm256_rcp_ps(v); }
-KNEAD_HD Pack<8> rough_inverse_root(Pack<8> v) { return _mm256_rsqrt_ps(v); }
+KNEAD_HD Pack<8> low(Pack<8> a, Pack<8> b) {
+  return _mm256_unpacklo_ps(a, b);
+}
+KNEAD_HD Pack<8> high(Pack<8> a, Pack<8> b) {
+  return _mm256_unpackhi_ps(a, b);
+}
+KNEAD_HD Pack<8> even(Pack<8> a, Pack<8> b) {
+  return _mm256_shuffle_ps(a, b, 0x44);
+}
+KNEAD_HD Pack<8> odd(Pack<8> a, Pack<8> b) {
+  return _mm256_shuffle_ps(a, b, 0xee);
+}
+KNEAD_HD Pack<8> root(Pack<8> v) {
+  return _mm256_sqrt_ps(v);
+}
+KNEAD_HD Pack<8> rough_reciprocal(Pack<8> v) {
+  return _mm256_rcp_ps(v);
+}
+KNEAD_HD Pack<8> rough_inverse_root(Pack<8> v) {
+  return _mm256_rsqrt_ps(v);
+}
 #endif
 #if defined(__AVX512F__)
 // The zeroing forms with a full mask compile to the plain instructions, without GCC 12's false warnings about the plain intrinsics' undefined operand.
@@ -71,13 +103,27 @@ KNEAD_HD Pack<16> four_rows(const Vec3f* v, const uint32_t* i, Pack<16>) {
   r = _mm512_maskz_insertf32x4(0xffff, r, row(v, i[8]), 2);
   return _mm512_maskz_insertf32x4(0xffff, r, row(v, i[12]), 3);
 }
-KNEAD_HD Pack<16> low(Pack<16> a, Pack<16> b) { return _mm512_maskz_unpacklo_ps(0xffff, a, b); }
-KNEAD_HD Pack<16> high(Pack<16> a, Pack<16> b) { return _mm512_maskz_unpackhi_ps(0xffff, a, b); }
-KNEAD_HD Pack<16> even(Pack<16> a, Pack<16> b) { return _mm512_maskz_shuffle_ps(0xffff, a, b, 0x44); }
-KNEAD_HD Pack<16> odd(Pack<16> a, Pack<16> b) { return _mm512_maskz_shuffle_ps(0xffff, a, b, 0xee); }
-KNEAD_HD Pack<16> root(Pack<16> v) { return _mm512_maskz_sqrt_ps(0xffff, v); }
-KNEAD_HD Pack<16> rough_reciprocal(Pack<16> v) { return _mm512_maskz_rcp14_ps(0xffff, v); }
-KNEAD_HD Pack<16> rough_inverse_root(Pack<16> v) { return _mm512_maskz_rsqrt14_ps(0xffff, v); }
+KNEAD_HD Pack<16> low(Pack<16> a, Pack<16> b) {
+  return _mm512_maskz_unpacklo_ps(0xffff, a, b);
+}
+KNEAD_HD Pack<16> high(Pack<16> a, Pack<16> b) {
+  return _mm512_maskz_unpackhi_ps(0xffff, a, b);
+}
+KNEAD_HD Pack<16> even(Pack<16> a, Pack<16> b) {
+  return _mm512_maskz_shuffle_ps(0xffff, a, b, 0x44);
+}
+KNEAD_HD Pack<16> odd(Pack<16> a, Pack<16> b) {
+  return _mm512_maskz_shuffle_ps(0xffff, a, b, 0xee);
+}
+KNEAD_HD Pack<16> root(Pack<16> v) {
+  return _mm512_maskz_sqrt_ps(0xffff, v);
+}
+KNEAD_HD Pack<16> rough_reciprocal(Pack<16> v) {
+  return _mm512_maskz_rcp14_ps(0xffff, v);
+}
+KNEAD_HD Pack<16> rough_inverse_root(Pack<16> v) {
+  return _mm512_maskz_rsqrt14_ps(0xffff, v);
+}
 #endif
 
 template <int W>

@@ -1,4 +1,4 @@
-// The only code that differs between executors: how a kernel's body is run (with run_lanes, kernels/loop_lanes.h). A body is a trivially copyable struct of
+// The only code that differs between executors: how a kernel's body is run (with run_lanes, kernels/loop/loop_simd.h). A body is a trivially copyable struct of
 // pointers and constants with `void operator()(uint32_t i) const`; those that devices run too are marked (graph/device_code.h). Reductions keep a fixed
 // partition so that the result is the same bits for any number of threads.
 #pragma once
@@ -79,7 +79,8 @@ void reduce_on_host(Executor& executor, size_t n, const Body& body) {
   if constexpr (requires { body.sum_on_host(executor, n); })
     body.finish(body.sum_on_host(executor, n));
   else if constexpr (requires { body.over(n, n); })
-    body.finish(reduce_pieces(executor, n, Body::kKernel, SumOf<Body>{}, [&](size_t begin, size_t end) { return body.over(begin, end); }, Body::combine));
+    body.finish(reduce_pieces(
+        executor, n, Body::kKernel, SumOf<Body>{}, [&](size_t begin, size_t end) { return body.over(begin, end); }, Body::combine));
   else if constexpr (requires { Body::kGrain; })
     body.finish(parallel_reduce(executor, n, Body::kKernel, SumOf<Body>{}, body, Body::combine, Body::kGrain));
   else

@@ -88,7 +88,8 @@ class SdfSampler {
   // The spline at p is not below this; outside the box it grows with the distance from it.
   KNEAD_HD float least(const Vec3f& p) {
     if (!within(p)) return accessor_.root().background() + view_.voxel * length(Vec3f{beyond(p.x, 0), beyond(p.y, 1), beyond(p.z, 2)});
-    const float near = at(static_cast<int>(std::floor(p.x + 0.5f)), static_cast<int>(std::floor(p.y + 0.5f)), static_cast<int>(std::floor(p.z + 0.5f)));
+    const float near =
+        at(static_cast<int>(std::floor(p.x + 0.5f)), static_cast<int>(std::floor(p.y + 0.5f)), static_cast<int>(std::floor(p.z + 0.5f)));
     constexpr float kReach = 2.7f;  // voxels to the farthest of the 27, and then some for a field that is not quite a distance
     return near - kReach * view_.voxel;
   }

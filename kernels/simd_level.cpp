@@ -5,7 +5,7 @@
 #include <cstring>
 
 #include "graph/error.h"
-#include "kernels/loop_lanes.h"
+#include "kernels/loop/loop_simd.h"
 
 namespace knead {
 namespace {
@@ -24,14 +24,14 @@ bool processor_has(SimdLevel level) {
 #endif
 }
 
-const LoopLanes* lanes_of(SimdLevel level) {
+const LoopSimd* lanes_of(SimdLevel level) {
   switch (level) {
-    case SimdLevel::kAvx512: return loop_lanes_avx512();
-    case SimdLevel::kAvx2: return loop_lanes_avx2();
-    case SimdLevel::kBaseline: return loop_lanes_baseline();
+    case SimdLevel::kAvx512: return loop_simd_avx512();
+    case SimdLevel::kAvx2: return loop_simd_avx2();
+    case SimdLevel::kBaseline: return loop_simd_baseline();
     case SimdLevel::kScalar: break;
   }
-  return loop_lanes_scalar();
+  return loop_simd_scalar();
 }
 
 std::atomic<SimdLevel>& level_in_use() {
@@ -69,6 +69,8 @@ void use_simd_level(SimdLevel level) {
   level_in_use().store(level, std::memory_order_relaxed);
 }
 
-const LoopLanes& loop_lanes(const Executor& executor) { return *lanes_of(simd_level(executor)); }
+const LoopSimd& loop_simd(const Executor& executor) {
+  return *lanes_of(simd_level(executor));
+}
 
 }  // namespace knead

@@ -1,12 +1,13 @@
+#include "kernels/loop/approach.h"
+
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
 #include "graph/registry.h"
-#include "kernels/approach.h"
-#include "kernels/collide.h"
-#include "kernels/data.h"
-#include "kernels/searchable_mesh.h"
+#include "kernels/loop/collide.h"
+#include "kernels/port_types.h"
+#include "kernels/surface/searchable_mesh.h"
 
 namespace knead {
 

@@ -1,23 +1,24 @@
+#include "kernels/build_tets/build_tets.h"
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 
 #include "graph/registry.h"
-#include "kernels/tet_build.h"
 
 namespace knead {
 
 // What the frames share: H about M's own space, and what had to be said about it.
-struct BuiltTets {
-  TetBuild build;
+struct BuildResult {
+  BuiltTets build;
   std::vector<std::string> warnings;
   double milliseconds = 0;
 };
 template <>
-struct PortTraits<BuiltTets> {
-  static constexpr const char* name = "BuiltTets";
+struct PortTraits<BuildResult> {
+  static constexpr const char* name = "BuildResult";
   template <class F>
-  static void each_buffer(BuiltTets& v, F&& f) {
+  static void each_buffer(BuildResult& v, F&& f) {
     PortTraits<TetMesh>::each_buffer(v.build.tets, f);
     PortTraits<Lattice>::each_buffer(v.build.lattice, f);
   }
@@ -64,12 +65,12 @@ class BuildTets : public Node {
   In<Surface> surface{this, "surface", {.unit = "world", .doc = "M at rest"}};
   Param<int> max_depth{this,
                        "max_depth",
-                       TetBuildOptions{}.max_depth,
+                       BuildTetsOptions{}.max_depth,
                        {.min = 1, .max = kDeepestOctree, .doc = "levels of the octree: M's box is at most 2^max_depth cells wide"}};
   Param<int> min_depth{
-      this, "min_depth", TetBuildOptions{}.min_depth, {.min = 0, .max = 8, .doc = "levels everywhere, however few vertices M has there"}};
-  Param<int> max_vertices{this, "max_vertices", TetBuildOptions{}.max_vertices, {.min = 1, .doc = "vertices of M in a cell before it is split"}};
-  Param<bool> split_pieces{this, "split_pieces", TetBuildOptions{}.split_pieces, {.doc = "a copy of a cell for each connected piece of M in it"}};
+      this, "min_depth", BuildTetsOptions{}.min_depth, {.min = 0, .max = 8, .doc = "levels everywhere, however few vertices M has there"}};
+  Param<int> max_vertices{this, "max_vertices", BuildTetsOptions{}.max_vertices, {.min = 1, .doc = "vertices of M in a cell before it is split"}};
+  Param<bool> split_pieces{this, "split_pieces", BuildTetsOptions{}.split_pieces, {.doc = "a copy of a cell for each connected piece of M in it"}};
   Param<std::string> lattice_kind{
       this, "lattice", "barycentric", {.choices = {"barycentric", "trilinear", "mean_value"}, .doc = "coordinates of M in H"}};
   Out<TetMesh> tets{this, "tets", {.unit = "cells", .doc = "H at rest"}};
@@ -94,7 +95,7 @@ class BuildTets : public Node {
       key.add(body.topology->face_vertices.size()).bytes(body.topology->face_vertices.data(), body.topology->face_vertices.size() * sizeof(uint32_t));
     }
     const Value shared = context.once(key.key(), [&] { return Value::of(build(context, body)); });
-    const BuiltTets& built = shared.as<BuiltTets>();
+    const BuildResult& built = shared.as<BuildResult>();
     for (const std::string& warning : built.warnings) context.warn(warning);
     Lattice placed = built.build.lattice;
     placed.rest = body;  // H is in M's own space; only M's placement changes from frame to frame
@@ -105,21 +106,21 @@ class BuildTets : public Node {
   }
 
  private:
-  BuiltTets build(Context& context, const Surface& body) const {
+  BuildResult build(Context& context, const Surface& body) const {
     const auto start = std::chrono::steady_clock::now();
-    const TetBuildOptions options{.max_depth = max_depth(),
-                                  .min_depth = std::min(min_depth(), max_depth()),
-                                  .max_vertices = max_vertices(),
-                                  .split_pieces = split_pieces(),
-                                  .lattice = kind_of(lattice_kind())};
-    BuiltTets built;
+    const BuildTetsOptions options{.max_depth = max_depth(),
+                                   .min_depth = std::min(min_depth(), max_depth()),
+                                   .max_vertices = max_vertices(),
+                                   .split_pieces = split_pieces(),
+                                   .lattice = kind_of(lattice_kind())};
+    BuildResult built;
     built.build = build_tets(body, options, context.executor(), built.warnings);
     built.milliseconds = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     return built;
   }
 
-  static Report figures(const BuiltTets& built, double scale) {
-    const TetBuild& b = built.build;
+  static Report figures(const BuildResult& built, double scale) {
+    const BuiltTets& b = built.build;
     Report report;
     report.set("vertices", static_cast<double>(b.tets.vertices()));
     report.set("tets", static_cast<double>(b.tets.tets.size()));

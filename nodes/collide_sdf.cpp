@@ -4,9 +4,9 @@
 #include <cstring>
 
 #include "graph/registry.h"
-#include "kernels/collide.h"
-#include "kernels/data.h"
-#include "kernels/searchable_mesh.h"
+#include "kernels/loop/collide.h"
+#include "kernels/port_types.h"
+#include "kernels/surface/searchable_mesh.h"
 
 namespace knead {
 
@@ -34,17 +34,28 @@ class CollideSdf : public Node {
  public:
   In<Surface> surface{this, "surface", {.unit = "world", .doc = "the soft surface, as it is now"}};
   ManyIn<Sdf> sdf{this, "sdf", {.unit = "world", .doc = "colliders; their union counts"}};
-  OptionalIn<Contacts> memory{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory from the iteration before, or from approach; none: no memory yet"}};
+  OptionalIn<Contacts> memory{
+      this,
+      "memory",
+      {.unit = "local", .shape = "vertices", .doc = "contact memory from the iteration before, or from approach; none: no memory yet"}};
   Param<std::string> mode{this, "mode", "push", {.choices = {"push", "project"}, .doc = "a step of the loop, or the exact end of a frame"}};
   Param<double> margin{this, "margin", 0, {.min = 0, .unit = "world", .doc = "distance to keep from the colliders"}};
   Param<double> memory_rate{this, "memory_rate", 1, {.min = 0, .max = 10, .doc = "how much of phi goes into the memory each time"}};
-  Param<double> memory_limit{this, "memory_limit", 0.1, {.min = 0, .unit = "diagonals", .doc = "upper bound of the memory, as a fraction of the surface's diagonal"}};
+  Param<double> memory_limit{
+      this, "memory_limit", 0.1, {.min = 0, .unit = "diagonals", .doc = "upper bound of the memory, as a fraction of the surface's diagonal"}};
   Param<int> rounds{this, "rounds", 32, {.min = 1, .max = 1000, .doc = "project: attempts at a vertex between several colliders"}};
-  Param<int> samples{this, "samples", 0, {.min = 0, .max = 32, .doc = "project: subdivisions of a triangle's sides whose points are kept outside too; 0: vertices only"}};
-  Out<Points> displacement{this, "displacement", {.unit = "local", .shape = "vertices", .doc = "the push of each vertex, in the surface's local space"}};
+  Param<int> samples{this,
+                     "samples",
+                     0,
+                     {.min = 0, .max = 32, .doc = "project: subdivisions of a triangle's sides whose points are kept outside too; 0: vertices only"}};
+  Out<Points> displacement{
+      this, "displacement", {.unit = "local", .shape = "vertices", .doc = "the push of each vertex, in the surface's local space"}};
   Out<Surface> pushed{this, "surface", {.unit = "world", .doc = "the surface with the push applied"}};
   Out<Contacts> contacts{this, "memory", {.unit = "local", .shape = "vertices", .doc = "contact memory for the next iteration"}};
-  Out<Report> report{this, "report", {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); project adds what is left"}};
+  Out<Report> report{
+      this,
+      "report",
+      {.doc = "vertices_in_collision, penetration_max (world), penetration_max_relative (of the diagonal); project adds what is left"}};
 
   Runs runs() const override { return mode() == "project" ? Runs::kHost : Runs::kAnyDevice; }
   std::string what_became_of(const std::string& member) const override {
@@ -59,7 +70,8 @@ class CollideSdf : public Node {
     for (size_t k = 0; k < colliders.size(); ++k) colliders[k] = &context.get(sdf, k);
     const Contacts* before = context.get(memory);
     if (before && before->memory && before->memory.size() != body.vertices())
-      throw Error(ErrorCode::kInput, "the contact memory has " + std::to_string(before->memory.size()) + " entries for " + std::to_string(body.vertices()) + " vertices",
+      throw Error(ErrorCode::kInput,
+                  "the contact memory has " + std::to_string(before->memory.size()) + " entries for " + std::to_string(body.vertices()) + " vertices",
                   "it must come from the same surface");
     if (mode() == "project") {
       project(context, body, colliders, before);
@@ -82,8 +94,10 @@ class CollideSdf : public Node {
       input.before = before->progress.view(device).data();
       input.stand_back = before->stand_back.view(device);
       if (!input.stand_back.empty() && input.stand_back.size() != colliders.size())
-        throw Error(ErrorCode::kInput, "the contact memory knows " + std::to_string(input.stand_back.size()) + " colliders, and there are " + std::to_string(colliders.size()),
-                    "give approach and collide_sdf the same colliders");
+        throw Error(
+            ErrorCode::kInput,
+            "the contact memory knows " + std::to_string(input.stand_back.size()) + " colliders, and there are " + std::to_string(colliders.size()),
+            "give approach and collide_sdf the same colliders");
     }
     input.placement = body.placement;
     input.colliders = colliders;

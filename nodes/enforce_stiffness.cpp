@@ -1,5 +1,6 @@
+#include "kernels/loop/enforce_stiffness.h"
+
 #include "graph/registry.h"
-#include "kernels/enforce_stiffness.h"
 
 namespace knead {
 
@@ -28,7 +29,8 @@ class EnforceStiffnessNode : public Node {
   OptionalIn<Weights> weights{this, "weights", {.shape = "vertices of H", .doc = "of the stiffness, 0 to 1; all 1 when left out"}};
   Param<double> stiffness{this, "stiffness", EnforceStiffnessSettings{}.stiffness, {.min = 0, .max = 1, .doc = "s: 0 soft, 1 stiff"}};
   Param<std::string> mode{this, "mode", "both", {.choices = {"both", "stretched_only"}, .doc = "which edges are corrected"}};
-  Param<double> max_step{this, "max_step", EnforceStiffnessSettings{}.max_step, {.min = 0, .unit = "mean edges of H", .doc = "longest move of a vertex"}};
+  Param<double> max_step{
+      this, "max_step", EnforceStiffnessSettings{}.max_step, {.min = 0, .unit = "mean edges of H", .doc = "longest move of a vertex"}};
   Out<Points> result{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H with edges nearer to their rest lengths"}};
 
   Runs runs() const override { return Runs::kAnyDevice; }

@@ -1,8 +1,8 @@
-#include "kernels/equilibrium.h"
+#include "kernels/equilibrium/equilibrium.h"
 
 #include "graph/registry.h"
-#include "kernels/carry.h"
-#include "kernels/lattice_map.h"
+#include "kernels/equilibrium/mesh_transfer.h"
+#include "kernels/loop/lattice_map.h"
 
 namespace knead {
 
@@ -18,14 +18,14 @@ struct PortTraits<PreparedRest> {
 };
 
 // How displacements get from one H to another: shared by the frames too.
-struct PreparedCarry {
-  std::shared_ptr<const CarryTable> table;
+struct PreparedTransfer {
+  std::shared_ptr<const MeshTransfer> table;
 };
 template <>
-struct PortTraits<PreparedCarry> {
-  static constexpr const char* name = "PreparedCarry";
+struct PortTraits<PreparedTransfer> {
+  static constexpr const char* name = "PreparedTransfer";
   template <class F>
-  static void each_buffer(PreparedCarry&, F&&) {}
+  static void each_buffer(PreparedTransfer&, F&&) {}
 };
 
 // What M at rest is, whichever handle it comes by: one that the cache had no room for is another buffer when it is made again.
@@ -113,7 +113,8 @@ class Equilibrium : public Node {
       this, "stiffness_weights", {.shape = "vertices of M", .doc = "how stiff, relative to elsewhere; inside H the mean"}};
   OptionalIn<Weights> volume_weights{this, "volume_weights", {.shape = "vertices of M", .doc = "of the volume's part in the material"}};
   OptionalIn<Weights> hold_weights{this, "hold_weights", {.shape = "vertices of M", .doc = "of `hold`"}};
-  OptionalIn<EquilibriumState> start{this, "start", {.doc = "the state of another equilibrium of the same surface, to begin there instead of at rest"}};
+  OptionalIn<EquilibriumState> start{
+      this, "start", {.doc = "the state of another equilibrium of the same surface, to begin there instead of at rest"}};
   Param<std::string> material{
       this, "material", "stable_neo_hookean", {.choices = {"stable_neo_hookean", "corotated", "edges"}, .doc = "the elastic energy"}};
   Param<double> poisson_ratio{
@@ -131,10 +132,11 @@ class Equilibrium : public Node {
       {.min = 0, .max = 16, .doc = "subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only"}};
   Param<double> contact{
       this, "contact", EquilibriumSettings{}.contact, {.min = 1e-3, .max = 1e3, .doc = "stiffness of a contact before its memory fills"}};
-  Param<double> contact_gap{this,
-                            "contact_gap",
-                            EquilibriumSettings{}.gap,
-                            {.min = 0, .max = 0.1, .unit = "diagonals", .doc = "how far outside a collider its push begins; 0: at touch, not smooth in time"}};
+  Param<double> contact_gap{
+      this,
+      "contact_gap",
+      EquilibriumSettings{}.gap,
+      {.min = 0, .max = 0.1, .unit = "diagonals", .doc = "how far outside a collider its push begins; 0: at touch, not smooth in time"}};
   Param<double> friction{
       this, "friction", 0, {.min = 0, .max = 10, .doc = "Coulomb's: how much of a contact's push may pull skin back to where its contact began"}};
   Param<int> max_iterations{this, "max_iterations", EquilibriumSettings{}.max_iterations, {.min = 1, .doc = "after which it ends in any case"}};
@@ -142,9 +144,10 @@ class Equilibrium : public Node {
       this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
   Param<double> displacement{
       this, "displacement", EquilibriumSettings{}.displacement, {.min = 0, .unit = "diagonals", .doc = "longest last step at rest"}};
-  Param<double> penetration{
-      this, "penetration", EquilibriumSettings{}.penetration,
-      {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest; in the mean a twentieth of it"}};
+  Param<double> penetration{this,
+                            "penetration",
+                            EquilibriumSettings{}.penetration,
+                            {.min = 0, .unit = "diagonals", .doc = "largest error of a contact at rest; in the mean a twentieth of it"}};
   Param<int> memory_interval{this,
                              "memory_interval",
                              EquilibriumSettings{}.memory_interval,
@@ -154,8 +157,8 @@ class Equilibrium : public Node {
       this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose metric takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
-  Out<Report> report{
-      this, "report",
+  Out<Report> report{this,
+                     "report",
                      {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), undecided_colliders, "
                              "enclosed_colliders, least_tet_volume, times"}};
 
@@ -198,14 +201,15 @@ class Equilibrium : public Node {
     };
     settings.check_cancelled = [&] { context.check_cancelled(); };
     EquilibriumFigures figures;
-    Value carry;
+    Value transfer;
     settings.start = context.get(start);
     if (settings.start) {
-      carry = carry_from(context, *settings.start, rest, rest_key, contents(context, body.points));
-      settings.carry = carry.as<PreparedCarry>().table.get();
+      transfer = transfer_from(context, *settings.start, rest, rest_key, contents(context, body.points));
+      settings.transfer = transfer.as<PreparedTransfer>().table.get();
     }
     EquilibriumState end;
-    const Buffer<Vec3f> moved = solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures, context.wants(state) ? &end : nullptr);
+    const Buffer<Vec3f> moved =
+        solve_equilibrium(context.executor(), rest, body.placement, colliders, settings, figures, context.wants(state) ? &end : nullptr);
     end.rest = shared.as<PreparedRest>().rest;
     end.key = rest_key;
     if (context.wants(state)) end.surface = contents(context, body.points);
@@ -229,22 +233,17 @@ class Equilibrium : public Node {
     return context.once(Hasher().add("contents").add(points.id()).key(), make).as<Contents>().key;
   }
 
-  static Value carry_from(Context& context, const EquilibriumState& from, const EquilibriumRest& to, const Key& key, const Key& surface) {
+  static Value transfer_from(Context& context, const EquilibriumState& from, const EquilibriumRest& to, const Key& key, const Key& surface) {
     if (from.surface != surface)
       throw Error(ErrorCode::kInput, "start is of another surface", "start from an equilibrium of the same surface, with a coarser H around it");
-    return context.once(Hasher().add("carry").add(from.key).add(key).key(),
-                        [&] { return Value::of(PreparedCarry{std::make_shared<CarryTable>(make_carry(context.executor(), *from.rest, to))}); });
+    return context.once(Hasher().add("transfer").add(from.key).add(key).key(), [&] {
+      return Value::of(PreparedTransfer{std::make_shared<MeshTransfer>(make_mesh_transfer(context.executor(), *from.rest, to))});
+    });
   }
 
   Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
     Hasher key;
-    key.add("equilibrium")
-        .add(material())
-        .add(poisson_ratio())
-        .add(hold())
-        .add(keep_volume())
-        .add(contact_samples())
-        .add(memory_limit());
+    key.add("equilibrium").add(material()).add(poisson_ratio()).add(hold()).add(keep_volume()).add(contact_samples()).add(memory_limit());
     key.add(mesh.rest.id()).add(mesh.tets.id()).add(bound.map.values.id()).add(bound.map.indices.id()).add(bound.rest.points.id());
     if (bound.rest.topology) key.bytes(bound.rest.topology->triangles.data(), bound.rest.topology->triangles.size() * sizeof(uint32_t));
     for (const OptionalIn<Weights>* port : {&pins, &stiffness_weights, &volume_weights, &hold_weights}) {

@@ -1,5 +1,6 @@
+#include "kernels/loop/hold.h"
+
 #include "graph/registry.h"
-#include "kernels/hold.h"
 
 namespace knead {
 
@@ -26,7 +27,8 @@ class HoldNode : public Node {
   OptionalIn<Weights> pins{this, "pins", {.shape = "vertices of M", .doc = "0 free, 1 pinned"}};
   OptionalIn<Weights> weights{this, "weights", {.shape = "vertices of M", .doc = "of the strength, 0 to 1; all 1 when left out"}};
   Param<double> strength{this, "strength", HoldSettings{}.strength, {.min = 0, .max = 1, .doc = "part of the way to rest per iteration"}};
-  Param<bool> remove_rigid{this, "remove_rigid", HoldSettings{}.remove_rigid, {.doc = "undo the net rotation and translation, when nothing is pinned"}};
+  Param<bool> remove_rigid{
+      this, "remove_rigid", HoldSettings{}.remove_rigid, {.doc = "undo the net rotation and translation, when nothing is pinned"}};
   Out<Points> result{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H, held"}};
 
   Runs runs() const override { return Runs::kAnyDevice; }

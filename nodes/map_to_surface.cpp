@@ -1,5 +1,5 @@
 #include "graph/registry.h"
-#include "kernels/lattice_map.h"
+#include "kernels/loop/lattice_map.h"
 
 namespace knead {
 

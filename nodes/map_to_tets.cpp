@@ -1,5 +1,5 @@
 #include "graph/registry.h"
-#include "kernels/lattice_map.h"
+#include "kernels/loop/lattice_map.h"
 
 namespace knead {
 
@@ -32,7 +32,8 @@ class MapToTetsNode : public Node {
   void evaluate(Context& context) const override {
     MapToTetsSettings settings{.gain = gain(), .max_step = max_step()};
     if (const TetMesh* mesh = context.get(tets)) settings.mean_edge = mesh->mean_edge;
-    context.set(result, Points{map_to_tets(context.executor(), context.get(displacement).values, context.get(points).values, context.get(lattice), settings)});
+    context.set(result, Points{map_to_tets(context.executor(), context.get(displacement).values, context.get(points).values, context.get(lattice),
+                                           settings)});
   }
 };
 

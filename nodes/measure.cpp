@@ -1,9 +1,10 @@
+#include "kernels/measure.h"
+
 #include <algorithm>
 #include <cmath>
 
 #include "graph/registry.h"
-#include "kernels/measure.h"
-#include "kernels/searchable_mesh.h"
+#include "kernels/surface/searchable_mesh.h"
 
 namespace knead {
 
@@ -34,7 +35,8 @@ class Measure : public Node {
   OptionalIn<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H, deformed, in tet space"}};
   OptionalIn<Lattice> lattice{this, "lattice", {.doc = "M in H, for volume_change"}};
   ManyIn<Report> reports{this, "report", {.doc = "reports to merge in: of the loop, of build_tets"}};
-  Param<int> face_samples{this, "face_samples", 0, {.min = 0, .max = 10000, .doc = "points on every triangle to look at; 0: vertices only; 45 is a good grid"}};
+  Param<int> face_samples{
+      this, "face_samples", 0, {.min = 0, .max = 10000, .doc = "points on every triangle to look at; 0: vertices only; 45 is a good grid"}};
   Out<Report> report{this, "report", {.doc = "the figures"}};
   Out<Weights> change{this, "volume_change", {.shape = "vertices of M", .doc = "local volume of H over its rest volume, minus 1"}};
 
@@ -75,8 +77,9 @@ class Measure : public Node {
     const std::span<const Vec3f> at_rest = before.points.host();
     const auto swallowed = [&](const Vec3f& point) { return colliders(before.placement.apply(to_double(point))) < 0; };
     if (!at_rest.empty() && std::all_of(at_rest.begin(), at_rest.end(), swallowed))
-      context.warn("the colliders swallow the body: every vertex lies inside them at rest, and is pushed out wherever it is nearest; "
-                   "move or shrink the collider");
+      context.warn(
+          "the colliders swallow the body: every vertex lies inside them at rest, and is pushed out wherever it is nearest; "
+          "move or shrink the collider");
   }
 
   static void measure_volume(Context& context, const Surface& before, const Surface& after, double diagonal, Report& figures) {

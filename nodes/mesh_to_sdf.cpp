@@ -3,12 +3,12 @@
 #include <algorithm>
 
 #include "graph/registry.h"
-#include "io/vdb.h"
-#include "kernels/closed_mesh.h"
-#include "kernels/data.h"
-#include "kernels/mesh_distance.h"
-#include "kernels/primitives.h"
-#include "kernels/principal_frame.h"
+#include "io/vdb/vdb.h"
+#include "kernels/port_types.h"
+#include "kernels/shapes/primitives.h"
+#include "kernels/surface/closed_mesh.h"
+#include "kernels/surface/mesh_distance.h"
+#include "kernels/surface/principal_frame.h"
 
 namespace knead {
 
@@ -21,7 +21,9 @@ template <>
 struct PortTraits<SolidField> {
   static constexpr const char* name = "SolidField";
   template <class F>
-  static void each_buffer(SolidField& v, F&& f) { f(v.sdf.grid); }
+  static void each_buffer(SolidField& v, F&& f) {
+    f(v.sdf.grid);
+  }
 };
 
 namespace {
@@ -40,7 +42,7 @@ Openings are closed by a cone over their rim. Whatever was assumed is said in a 
 A part thinner than about two voxels can be missed by the samples: a warning names the voxel size that would do. A field that would not fit in `memory_limit`
 is an error with the estimate and a voxel size that fits, before memory is taken.)";
 
-constexpr double kThinShare = 0.02;       // of the area: less than this is an edge or a tip
+constexpr double kThinShare = 0.02;  // of the area: less than this is an edge or a tip
 constexpr size_t kThicknessRays = 20000;
 
 class MeshToSdf : public Node {
@@ -72,10 +74,12 @@ class MeshToSdf : public Node {
   SolidField build(Context& context, const Surface& surface) const {
     Executor& executor = context.executor();
     const double scale = surface.placement.scale;
-    const std::span<const uint32_t> triangles = surface.topology ? std::span<const uint32_t>(surface.topology->triangles) : std::span<const uint32_t>();
+    const std::span<const uint32_t> triangles =
+        surface.topology ? std::span<const uint32_t>(surface.topology->triangles) : std::span<const uint32_t>();
     ClosedMesh solid = close_mesh(surface.points.host(), triangles);
     if (solid.triangles.empty())
-      throw Error(ErrorCode::kInput, fmt::format("the collider has no triangle with an area ({} triangles given)", triangles.size() / 3), "is this the right mesh?");
+      throw Error(ErrorCode::kInput, fmt::format("the collider has no triangle with an area ({} triangles given)", triangles.size() / 3),
+                  "is this the right mesh?");
     const Similarity own_axes = turn_to_own_axes(solid);
     const auto searchable = std::make_shared<MeshDistance>(std::span<const Vec3f>(solid.points), solid.triangles, &executor);
     const MeshDistance& distance = *searchable;
@@ -146,8 +150,9 @@ class MeshToSdf : public Node {
     if (sheet) {
       field.warnings.push_back("collider: it is a sheet without volume, so nothing is ever inside it; give it a thickness");
     } else {
-      field.warnings.push_back(fmt::format("collider: {:.0f} % of its surface is on parts thinner than two voxels of {:.4g}, which samples can miss; a voxel size of {:.3g} would do",
-                                           100 * thin / total, plan.voxel_size * scale, would_do * scale));
+      field.warnings.push_back(fmt::format(
+          "collider: {:.0f} % of its surface is on parts thinner than two voxels of {:.4g}, which samples can miss; a voxel size of {:.3g} would do",
+          100 * thin / total, plan.voxel_size * scale, would_do * scale));
     }
   }
 };

@@ -1,5 +1,5 @@
 #include "graph/registry.h"
-#include "kernels/primitives.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead {
 
@@ -22,7 +22,7 @@ brackets.
   fist     the same; right fist, knuckles up, palm +z     height: about the width of the hand  [22]           6 r^2: 2,904
 
 For a box, the sides a, b and c quads long have 2 (ab + bc + ca) + 2 vertices; a capsule's m is the rows on its straight part. blob, head and fist are
-smooth blends of ellipsoids and round cones, contoured and remeshed (kernels/implicit_mesh.h); the head by default stands two units high. A fist that
+smooth blends of ellipsoids and round cones, contoured and remeshed (kernels/shapes/implicit_mesh.h); the head by default stands two units high. A fist that
 punches towards -z is one turned by [-90, 0, 0].)";
 
 constexpr int kMostVertices = 4000000;

@@ -1,8 +1,8 @@
 // read_mesh: a surface from a file.
 #include "graph/registry.h"
 #include "io/files.h"
-#include "io/mesh_io.h"
-#include "kernels/data.h"
+#include "io/mesh/mesh_io.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 

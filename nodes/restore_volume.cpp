@@ -1,5 +1,6 @@
+#include "kernels/loop/restore_volume.h"
+
 #include "graph/registry.h"
-#include "kernels/restore_volume.h"
 
 namespace knead {
 
@@ -27,10 +28,15 @@ class RestoreVolumeNode : public Node {
  public:
   In<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H as the other steps left it, in tet space"}};
   In<TetMesh> tets{this, "tets", {.doc = "H at rest"}};
-  Param<double> relaxation{this, "relaxation", RestoreVolumeSettings{}.relaxation, {.min = 0, .max = 1, .doc = "mean part of the step that is taken"}};
-  Param<double> regularisation{this, "regularisation", RestoreVolumeSettings{}.regularisation,
-                               {.min = 0, .max = 10, .doc = "lambda: how much a direction that volumes do not determine is held, relative to the mean one"}};
-  Param<double> max_step{this, "max_step", RestoreVolumeSettings{}.max_step, {.min = 0, .unit = "mean edges of H", .doc = "longest move of a vertex"}};
+  Param<double> relaxation{
+      this, "relaxation", RestoreVolumeSettings{}.relaxation, {.min = 0, .max = 1, .doc = "mean part of the step that is taken"}};
+  Param<double> regularisation{
+      this,
+      "regularisation",
+      RestoreVolumeSettings{}.regularisation,
+      {.min = 0, .max = 10, .doc = "lambda: how much a direction that volumes do not determine is held, relative to the mean one"}};
+  Param<double> max_step{
+      this, "max_step", RestoreVolumeSettings{}.max_step, {.min = 0, .unit = "mean edges of H", .doc = "longest move of a vertex"}};
   Param<int> sweeps{this, "sweeps", RestoreVolumeSettings{}.sweeps, {.min = 1, .max = 64, .doc = "how often the step is made"}};
   Param<std::string> errors{this, "errors", "relative", {.choices = {"relative", "plain"}, .doc = "how the tets of a vertex are weighted"}};
   Out<Points> result{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H with volumes nearer to rest"}};

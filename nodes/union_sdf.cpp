@@ -2,10 +2,10 @@
 #include <limits>
 
 #include "graph/registry.h"
-#include "io/vdb.h"
-#include "kernels/data.h"
-#include "kernels/primitives.h"
+#include "io/vdb/vdb.h"
+#include "kernels/port_types.h"
 #include "kernels/sdf_sample.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead {
 
@@ -30,7 +30,8 @@ class UnionSdf : public Node {
 
   void evaluate(Context& context) const override {
     const size_t count = context.count(sdf);
-    if (count == 0) throw Error(ErrorCode::kInput, Where{{}, 0, 0, {}, "sdf"}, "there is nothing to join", "connect at least one signed distance field");
+    if (count == 0)
+      throw Error(ErrorCode::kInput, Where{{}, 0, 0, {}, "sdf"}, "there is nothing to join", "connect at least one signed distance field");
     const Sdf& first = context.get(sdf, 0);
     if (count == 1) return context.set(united, first);
     std::vector<Part> parts;
@@ -53,7 +54,7 @@ class UnionSdf : public Node {
     const Sdf* sdf;
     Similarity from_first;  // the first field's local space to this one's
     SdfView view;
-    double background;      // the first field's local units
+    double background;  // the first field's local units
   };
 
   static Part part(const Sdf& sdf, const Sdf& first) {

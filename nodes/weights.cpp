@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "graph/registry.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 

@@ -5,9 +5,9 @@
 
 #include "graph/registry.h"
 #include "io/files.h"
-#include "io/picture.h"
-#include "kernels/mesh_distance.h"
+#include "io/picture/picture.h"
 #include "kernels/parallel.h"
+#include "kernels/surface/mesh_distance.h"
 
 namespace knead {
 

@@ -1,7 +1,7 @@
 #include "graph/registry.h"
 #include "io/files.h"
-#include "io/vdb.h"
-#include "kernels/data.h"
+#include "io/vdb/vdb.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 

@@ -13,7 +13,7 @@
 #include "graph/registry.h"
 #include "io/graph_file.h"
 #include "io/stats.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace {
 

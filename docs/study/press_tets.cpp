@@ -15,10 +15,10 @@
 #include <vector>
 
 #include "graph/evaluator.h"
-#include "kernels/equilibrium.h"
-#include "kernels/lattice_coordinates.h"
-#include "kernels/primitives.h"
-#include "kernels/tet_build.h"
+#include "kernels/build_tets/build_tets.h"
+#include "kernels/build_tets/lattice_coordinates.h"
+#include "kernels/equilibrium/equilibrium.h"
+#include "kernels/shapes/primitives.h"
 
 namespace {
 
@@ -66,7 +66,7 @@ std::vector<std::array<uint32_t, 3>> boundary_of(const TetMesh& tets) {
 }
 
 // M as H's boundary, and the lattice that binds each of its vertices to its own vertex of H.
-Lattice bind_boundary(const TetBuild& build, const std::vector<std::array<uint32_t, 3>>& faces, std::vector<uint32_t>& of_tets, Executor& executor) {
+Lattice bind_boundary(const BuiltTets& build, const std::vector<std::array<uint32_t, 3>>& faces, std::vector<uint32_t>& of_tets, Executor& executor) {
   std::map<uint32_t, uint32_t> number;
   std::vector<Vec3f> points;
   std::vector<uint32_t> triangles;
@@ -93,7 +93,7 @@ Lattice bind_boundary(const TetBuild& build, const std::vector<std::array<uint32
   return lattice;
 }
 
-TetBuild build_block(int depth, const Vec3d& centre, Executor& executor) {
+BuiltTets build_block(int depth, const Vec3d& centre, Executor& executor) {
   const double edge = 1 / kPadded;
   GraphSpec graph;
   graph.add("block", "primitive",
@@ -102,12 +102,12 @@ TetBuild build_block(int depth, const Vec3d& centre, Executor& executor) {
              {"resolution", 2 << depth},
              {"centre", Literal::List{centre.x, centre.y, centre.z}}});
   std::vector<std::string> warnings;
-  TetBuildOptions options;
+  BuildTetsOptions options;
   options.max_depth = depth;
   return build_tets(Evaluator(compile(graph)).get<Surface>("block", 1), options, executor, warnings);
 }
 
-Vec3d lower_corner(const TetBuild& build) {
+Vec3d lower_corner(const BuiltTets& build) {
   constexpr double kFar = 1e30;
   Vec3d lower{kFar, kFar, kFar};
   for (const auto& p : in_world(build.tets.rest.host(), build.lattice.rest.placement * build.tets.to_local))
@@ -119,7 +119,7 @@ void press(int depth, double poisson_ratio, const std::array<double, 3>& centre,
   const auto executor = make_cpu_executor();
   // The octree's box is not about M's middle: M is moved until H stands where the block should.
   const Vec3d corner{-0.5, -0.5, 0}, middle{0, 0, 0.5};
-  const TetBuild build = build_block(depth, middle + (corner - lower_corner(build_block(depth, middle, *executor))), *executor);
+  const BuiltTets build = build_block(depth, middle + (corner - lower_corner(build_block(depth, middle, *executor))), *executor);
   GraphSpec graph;
   const Literal::List at{centre[0], centre[1], centre[2]};
   graph.add("ball", "primitive", {{"shape", "sphere"}, {"radius", radius}, {"resolution", 5}, {"centre", at}})

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "graph/evaluator.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 using knead::Literal;
 

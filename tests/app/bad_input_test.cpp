@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "tests/app/program.h"
+#include "tests/paths.h"
 
 namespace program_test {
 
@@ -35,7 +36,7 @@ class BadInput : public Program {
     fs::remove(folder_ / "stats.jsonl");
   }
 
-  static std::string shared(const std::string& name) { return std::string(KNEAD_SHARED_DATA) + "/" + name; }
+  static std::string shared(const std::string& name) { return shared_data() + "/" + name; }
 
   // Not one frame is made, none is half written, and the message has all that is asked for.
   void fails(const std::vector<std::string>& sets, int status, const std::vector<std::string>& said) const {
@@ -228,8 +229,10 @@ TEST_F(BadInput, WrongGraphsAreRefusedBeforeAnythingIsMade) {
   wrong("  a: {type: primitive}\n  b: {type: transform, mesh: a.surfaces}\n", "has no output 'surfaces'");
   wrong("  a: {type: primitive}\n  b: {type: transform, mesh: aa}\n", "did you mean 'a'?");
   wrong("  a: {type: primitive}\n  b: {type: deform, surface: a, sdf: a}\n", "expected a Sdf, but 'a' is a Surface");
-  wrong("  a: {type: primitive}\n  t: {type: build_tets, surface: a}\n  b: {type: equilibrium, surface: a, sdf: [], tets: t, lattice: t.lattice, start: a}\n",
-        "expected an EquilibriumState, but 'a' is a Surface");
+  wrong(
+      "  a: {type: primitive}\n  t: {type: build_tets, surface: a}\n  b: {type: equilibrium, surface: a, sdf: [], tets: t, lattice: t.lattice, "
+      "start: a}\n",
+      "expected an EquilibriumState, but 'a' is a Surface");
   wrong("  a: {type: transform}\n", "must be connected");
   wrong("  a: {type: primitive}\n  a: {type: primitive}\n", "there twice");
   wrong("  a: {type: primitive}\n  b: {type: write_mesh, surface: [a, a], path: x.obj}\n", "takes one value");

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "graph/executor.h"
+#include "tests/paths.h"
 
 namespace program_test {
 
@@ -26,7 +27,9 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
 
-inline const char* const kProgram = KNEAD_BINARY_DIR "/app/knead";
+inline std::string program_path() {
+  return binary_dir() + "/app/knead";
+}
 
 inline std::string text_of(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
@@ -43,7 +46,7 @@ struct Ended {
 class Program : public testing::Test {
  protected:
   void SetUp() override {
-    if (!fs::exists(kProgram)) GTEST_SKIP() << "built without the program";
+    if (!fs::exists(program_path())) GTEST_SKIP() << "built without the program";
     folder_ = fs::temp_directory_path() /
               ("knead_program_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()) + std::to_string(::getpid()));
     fs::remove_all(folder_);
@@ -60,7 +63,8 @@ class Program : public testing::Test {
 
   // Starts the program in folder_; its output goes to files, or stdout to `out_path`.
   pid_t start(const std::vector<std::string>& words, const std::string& out_path = {}) const {
-    std::vector<char*> arguments{const_cast<char*>(kProgram)};
+    std::string program = program_path();
+    std::vector<char*> arguments{program.data()};
     for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
     const std::string out = out_path.empty() ? (folder_ / "stdout").string() : out_path, err = (folder_ / "stderr").string();
@@ -68,7 +72,7 @@ class Program : public testing::Test {
     if (child != 0) return child;
     const int out_file = ::open(out.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666), err_file = ::open(err.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
     if (::chdir(folder_.c_str()) != 0 || ::dup2(out_file, 1) < 0 || ::dup2(err_file, 2) < 0) ::_exit(125);
-    ::execv(kProgram, arguments.data());
+    ::execv(program.c_str(), arguments.data());
     ::_exit(126);
   }
   Ended wait_for(pid_t child) const {

@@ -109,7 +109,7 @@ TEST_F(Program, EndsWithOneForWhatIsNoGraph) {
   }
   EXPECT_EQ(knead({"check", "missing.yaml"}).status, 1);
   EXPECT_EQ(knead({"run", folder_.string()}).status, 1);
-  EXPECT_EQ(knead({"check", kProgram}).status, 1);
+  EXPECT_EQ(knead({"check", program_path()}).status, 1);
 }
 
 TEST_F(Program, PraisesAGoodGraphAndWarnsOfUnusedNodes) {

@@ -1,5 +1,6 @@
 // What README.md says is what the program does.
 #include "tests/app/program.h"
+#include "tests/paths.h"
 
 namespace program_test {
 
@@ -12,7 +13,7 @@ class Readme : public Program {
     const size_t start = text.find('\n', from + first.size()) + 1, end = text.find(last, start);
     return end == std::string::npos ? std::string() : text.substr(start, end - start);
   }
-  const std::string text_ = text_of(KNEAD_SOURCE_DIR "/README.md");
+  const std::string text_ = text_of(source_dir() + "/README.md");
 };
 
 TEST_F(Readme, HasTheNodeTableThatTheDeclarationsGive) {

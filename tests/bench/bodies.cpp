@@ -5,9 +5,9 @@
 
 #include "graph/error.h"
 #include "graph/evaluator.h"
-#include "kernels/lattice_map.h"
-#include "kernels/primitives.h"
-#include "kernels/tet_build.h"
+#include "kernels/build_tets/build_tets.h"
+#include "kernels/loop/lattice_map.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead::bench {
 namespace {
@@ -22,7 +22,7 @@ Sdf ball() {
 Body make_body(const Size& size) {
   const auto executor = make_cpu_executor();
   std::vector<std::string> warnings;
-  TetBuild built = build_tets(make_capsule(0.5, 2, size.segments), {.max_depth = size.depth, .min_depth = 3}, *executor, warnings);
+  BuiltTets built = build_tets(make_capsule(0.5, 2, size.segments), {.max_depth = size.depth, .min_depth = 3}, *executor, warnings);
   Body body;
   body.size = size.name;
   body.tets = std::move(built.tets);

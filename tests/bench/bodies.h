@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "graph/executor.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead::bench {
 

@@ -14,18 +14,19 @@
 #include "graph/error.h"
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
-#include "kernels/collide.h"
-#include "kernels/enforce_stiffness.h"
-#include "kernels/hold.h"
-#include "kernels/lattice_map.h"
-#include "kernels/loop_points.h"
-#include "kernels/restore_volume.h"
+#include "kernels/loop/collide.h"
+#include "kernels/loop/enforce_stiffness.h"
+#include "kernels/loop/hold.h"
+#include "kernels/loop/lattice_map.h"
+#include "kernels/loop/loop_points.h"
+#include "kernels/loop/restore_volume.h"
 #include "kernels/simd_level.h"
 #include "tests/bench/bodies.h"
 #include "tests/bench/counted.h"
 #include "tests/bench/machine.h"
 #include "tests/bench/plain_loop.h"
-#include "tests/bench/table_lanes.h"
+#include "tests/bench/table_simd.h"
+#include "tests/paths.h"
 
 namespace knead::bench {
 namespace {
@@ -364,7 +365,7 @@ const std::vector<Example>& examples() {
 std::shared_ptr<const Plan> plan_of(const Example& example) {
   CompileOptions options = graph_file_options();
   options.overrides = example.overrides;
-  return compile(read_graph_file(std::string(KNEAD_SOURCE_DIR) + "/examples/" + example.file), options);
+  return compile(read_graph_file(source_dir() + "/examples/" + example.file), options);
 }
 
 void run_frames(benchmark::State& state, const Example& example, Executor& executor) {

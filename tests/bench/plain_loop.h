@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead::bench {
 

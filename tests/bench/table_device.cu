@@ -1,6 +1,6 @@
 // The other structures' bodies as CUDA kernels: a lane is a thread.
 #include "graph/cuda_launch.cuh"
-#include "tests/bench/table_lanes.h"
+#include "tests/bench/table_simd.h"
 
 namespace knead {
 

@@ -1,5 +1,5 @@
 // In builds without CUDA: no body has a launcher.
-#include "tests/bench/table_lanes.h"
+#include "tests/bench/table_simd.h"
 
 namespace knead {
 

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "graph/buffer.h"
-#include "kernels/data.h"
 #include "kernels/lane_table.h"
+#include "kernels/port_types.h"
 
 namespace knead::bench {
 

@@ -10,13 +10,14 @@
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
+#include "tests/paths.h"
 
 namespace knead {
 namespace equilibrium_figures_test {
 
 GraphSpec example(const std::string& file) {
-  return read_graph_file(std::string(KNEAD_SOURCE_DIR) + "/examples/" + file);
+  return read_graph_file(source_dir() + "/examples/" + file);
 }
 
 Evaluator evaluator_of(const GraphSpec& graph) {
@@ -55,7 +56,8 @@ std::string fine_tets(int depth) {
 
 std::string fine_press(const std::string& name, int depth, const std::string& more) {
   const std::string d = std::to_string(depth);
-  return "  " + name + ": {type: equilibrium, surface: ball, sdf: [above, below], tets: tets" + d + ", lattice: tets" + d + ".lattice, " + more + "}\n";
+  return "  " + name + ": {type: equilibrium, surface: ball, sdf: [above, below], tets: tets" + d + ", lattice: tets" + d + ".lattice, " + more +
+         "}\n";
 }
 
 TEST(EquilibriumFigures, ItsShapeAndItsCountFromACoarserOneHardlyDependOnTheDepth) {
@@ -120,9 +122,10 @@ nodes:
 
 // The press of shared/data/press: straight at the pose, and played.
 TEST(EquilibriumFigures, ThePressKeepsFacesOutsideAndIsTheSamePlayed) {
-  if (!std::filesystem::exists(KNEAD_SHARED_DATA)) GTEST_SKIP() << "no shared data";
-  const GraphSpec graph = read_graph_text("knead: 1\nframes: 1-4\nnodes:\n  block: {type: read_mesh, path: " KNEAD_SHARED_DATA "/press/block20.obj}\n"
-                                          R"(
+  if (!std::filesystem::exists(shared_data())) GTEST_SKIP() << "no shared data";
+  const GraphSpec graph = read_graph_text("knead: 1\nframes: 1-4\nnodes:\n  block: {type: read_mesh, path: " + shared_data() +
+                                              "/press/block20.obj}\n"
+                                              R"(
   ball: {type: primitive, shape: sphere, radius: 0.35, resolution: 5}
   motion: {type: transform, mesh: ball, keys: {1: {translate: [0.03, 0.02, 1.4]}, 4: {translate: [0.03, 0.02, 1.0]}}}
   solid: {type: mesh_to_sdf, mesh: motion}

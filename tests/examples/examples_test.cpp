@@ -10,7 +10,8 @@
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
+#include "tests/paths.h"
 
 namespace knead {
 namespace examples_test {
@@ -18,7 +19,7 @@ namespace examples_test {
 constexpr double kDeepestAllowed = 1e-4;  // of the diagonal
 
 std::shared_ptr<const Plan> plan_of(const std::string& file) {
-  const std::string path = std::string(KNEAD_SOURCE_DIR) + "/examples/" + file;
+  const std::string path = source_dir() + "/examples/" + file;
   return compile(read_graph_file(path), graph_file_options());
 }
 
@@ -29,7 +30,9 @@ std::vector<FrameResult> run(Evaluator& evaluator, const std::vector<int>& frame
   return results;
 }
 
-const Report& report_of(const FrameResult& result, const std::string& name) { return result.values.at(name).as<Report>(); }
+const Report& report_of(const FrameResult& result, const std::string& name) {
+  return result.values.at(name).as<Report>();
+}
 
 TEST(ExampleHead, KeepsItsVolumeAndStaysOutsideSoftAndStiff) {
   Evaluator evaluator(plan_of("head/head.yaml"));

@@ -9,7 +9,8 @@
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
+#include "tests/paths.h"
 
 namespace knead {
 namespace real_inputs_test {
@@ -23,7 +24,7 @@ struct Press {
 class RealInputs : public testing::Test {
  protected:
   void SetUp() override {
-    if (!std::filesystem::exists(KNEAD_SHARED_DATA)) GTEST_SKIP() << "no shared data";
+    if (!std::filesystem::exists(shared_data())) GTEST_SKIP() << "no shared data";
   }
 };
 
@@ -32,11 +33,10 @@ std::shared_ptr<const Plan> plan_of(const std::string& nodes) {
 }
 
 std::shared_ptr<const Plan> press_graph(const Press& press) {
-  const std::string folder = std::string(KNEAD_SHARED_DATA) + "/";
+  const std::string folder = shared_data() + "/";
   return plan_of("  body: {type: read_mesh, path: " + folder + press.body + "}\n  tool: {type: read_mesh, path: " + folder + press.collider +
                  "}\n  motion: {type: transform, mesh: tool, " + press.motion +
-                 "}\n  solid: {type: mesh_to_sdf, mesh: motion}\n  press: {type: " +
-                 press.node + ", surface: body, sdf: solid}\n");
+                 "}\n  solid: {type: mesh_to_sdf, mesh: motion}\n  press: {type: " + press.node + ", surface: body, sdf: solid}\n");
 }
 
 std::vector<Vec3d> world_points(const Surface& surface) {
@@ -78,7 +78,8 @@ double deepest_inside(const std::vector<Vec3d>& points, const std::vector<Vec3d>
 }
 
 struct Figures {
-  double volume_error, dent, bulge;  // the last two over the diagonal: the longest move, and the longest across the direction from the collider's middle
+  double volume_error, dent,
+      bulge;  // the last two over the diagonal: the longest move, and the longest across the direction from the collider's middle
   Report report;
 };
 
@@ -136,10 +137,12 @@ TEST_F(RealInputs, ATorusDentsTheKoala) {
 // The node to pick first, on the same.
 TEST_F(RealInputs, ComeToRestWithTheirVolume) {
   const char* const node = "deform_equilibrium";
-  for (const Press& press :
-       {Press{"heads/head_ict_2400.obj", "colliders/fist_3000.obj", "scale: 8, keys: {1: {translate: [0, 2, 30]}, 12: {translate: [0, 2, 12]}}", 3, 12, node},
-        Press{"organic/hand_7993.obj", "colliders/fist_3000.obj", "scale: 0.3, keys: {1: {translate: [0, 0.3, 0.6]}, 12: {translate: [0, 0.3, 0.22]}}", 3, 12, node},
-        Press{"organic/koala_49999.obj", "colliders/torus.obj", "rotate: [90, 0, 0], keys: {1: {translate: [0, 1, 8]}, 12: {translate: [0, 1, 4.9]}}", 3, 12, node}}) {
+  for (const Press& press : {Press{"heads/head_ict_2400.obj", "colliders/fist_3000.obj",
+                                   "scale: 8, keys: {1: {translate: [0, 2, 30]}, 12: {translate: [0, 2, 12]}}", 3, 12, node},
+                             Press{"organic/hand_7993.obj", "colliders/fist_3000.obj",
+                                   "scale: 0.3, keys: {1: {translate: [0, 0.3, 0.6]}, 12: {translate: [0, 0.3, 0.22]}}", 3, 12, node},
+                             Press{"organic/koala_49999.obj", "colliders/torus.obj",
+                                   "rotate: [90, 0, 0], keys: {1: {translate: [0, 1, 8]}, 12: {translate: [0, 1, 4.9]}}", 3, 12, node}}) {
     SCOPED_TRACE(press.body);
     const Figures figures = pressed(press);
     EXPECT_LT(std::abs(figures.volume_error), 1e-3);
@@ -152,7 +155,8 @@ TEST_F(RealInputs, ComeToRestWithTheirVolume) {
 
 // The press of shared/data/press, against which other systems were measured.
 TEST_F(RealInputs, ASphereIsPressedIntoThePinnedBlock) {
-  Evaluator evaluator(plan_of("  block: {type: read_mesh, path: " KNEAD_SHARED_DATA "/press/block10.obj}\n"
+  Evaluator evaluator(plan_of("  block: {type: read_mesh, path: " + shared_data() +
+                              "/press/block10.obj}\n"
                               R"(
   ball:  {type: primitive, shape: sphere, radius: 0.35, centre: [0.03, 0.02, 1.0]}
   solid: {type: mesh_to_sdf, mesh: ball}

@@ -367,7 +367,7 @@ TEST(PlanDump, ShowsTransfersToADevice) {
   const auto plan = plan_of("  v: {type: value}\n  d: {type: device_add, in: v}\n  e: {type: device_add, in: d}\n  a: {type: add, a: e}");
   fake_device::FakeDevice fake;
   EXPECT_THAT(plan_text(*plan, fake.executor), AllOf(HasSubstr("in <- v.value  [transfer host -> fake]"), HasSubstr("in <- d.sum\n"),
-                                            HasSubstr("a <- e.sum  [transfer fake -> host]")));
+                                                     HasSubstr("a <- e.sum  [transfer fake -> host]")));
 }
 
 }  // namespace compile_test

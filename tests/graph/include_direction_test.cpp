@@ -8,13 +8,15 @@
 #include <string>
 #include <vector>
 
+#include "tests/paths.h"
+
 namespace knead {
 namespace include_direction_test {
 
 namespace fs = std::filesystem;
 
 struct Include {
-  std::string file;  // "io/vdb.cpp"
+  std::string file;  // "io/vdb/vdb.cpp"
   std::string what;  // "graph/error.h" or "openvdb/openvdb.h"
   int line;
 };
@@ -41,7 +43,7 @@ std::string included(const std::string& line) {
 
 std::vector<Include> includes_of(const std::string& room) {
   std::vector<Include> found;
-  const fs::path root = KNEAD_SOURCE_DIR;
+  const fs::path root = source_dir();
   for (const auto& entry : fs::recursive_directory_iterator(root / room)) {
     if (!entry.is_regular_file() || !is_source(entry.path())) continue;
     std::ifstream in(entry.path());
@@ -76,7 +78,7 @@ TEST(IncludeDirection, IsOneWay) {
                                                              {"app", {"app", "graph", "io"}}};
   for (const char* room : kRooms) {
     const std::vector<Include> includes = includes_of(room);
-    EXPECT_FALSE(includes.empty()) << room << ": is KNEAD_SOURCE_DIR right?";
+    EXPECT_FALSE(includes.empty()) << room << ": is source_dir() right?";
     for (const Include& include : includes) {
       const std::string other = room_of(include.what);
       EXPECT_TRUE(other.empty() || may_see.at(room).count(other)) << said(include);
@@ -96,7 +98,7 @@ TEST(IncludeDirection, TheRoomsNameTheirHeadersInFull) {
   for (const char* room : kRooms)
     for (const Include& include : includes_of(room)) {
       EXPECT_FALSE(begins(include.what, "../")) << said(include);
-      EXPECT_FALSE(fs::exists(fs::path(KNEAD_SOURCE_DIR) / fs::path(include.file).parent_path() / include.what))
+      EXPECT_FALSE(fs::exists(fs::path(source_dir()) / fs::path(include.file).parent_path() / include.what))
           << said(include) << ": write the room's name too";
     }
 }
@@ -124,7 +126,7 @@ TEST(IncludeDirection, TbbStandsWhereLoopsAreMade) {
 
 TEST(IncludeDirection, EveryHeaderIsIncludedOnce) {
   for (const char* room : kRooms)
-    for (const auto& entry : fs::recursive_directory_iterator(fs::path(KNEAD_SOURCE_DIR) / room)) {
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(source_dir()) / room)) {
       if (!is_header(entry.path())) continue;
       std::ifstream in(entry.path());
       const std::string text((std::istreambuf_iterator<char>(in)), {});

@@ -424,7 +424,7 @@ class Spread : public Node {
 };
 
 // The same storage in a value that is new wherever `at` is.
-class Placed : public Node {
+class DeviceTables : public Node {
  public:
   In<Numbers> in{this, "in", {.doc = "numbers"}};
   In<Numbers> at{this, "at", {.doc = "anything"}};
@@ -511,7 +511,7 @@ inline const Registry& registry() {
     put<Tally>(r, "tally");
     put<Explode>(r, "explode");
     put<Spread>(r, "spread");
-    put<Placed>(r, "placed");
+    put<DeviceTables>(r, "placed");
     put<Grow>(r, "grow");
     put<Peek>(r, "peek");
     put<Break>(r, "break");

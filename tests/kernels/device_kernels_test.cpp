@@ -5,16 +5,16 @@
 
 #include <cstring>
 
-#include "io/vdb.h"
-#include "kernels/collide.h"
-#include "kernels/enforce_stiffness.h"
-#include "kernels/hold.h"
-#include "kernels/lattice_map.h"
+#include "io/vdb/vdb.h"
+#include "kernels/loop/collide.h"
+#include "kernels/loop/enforce_stiffness.h"
+#include "kernels/loop/hold.h"
+#include "kernels/loop/largest_move_body.h"
+#include "kernels/loop/lattice_map.h"
+#include "kernels/loop/restore_volume.h"
+#include "kernels/loop/rigid_fit_body.h"
 #include "kernels/parallel.h"
-#include "kernels/restore_volume.h"
-#include "kernels/rigid_fit_body.h"
-#include "kernels/unrest_body.h"
-#include "tests/kernels/loop_fixture.h"
+#include "tests/kernels/loop/loop_fixture.h"
 #include "tests/kernels/on_device.h"
 
 namespace knead {

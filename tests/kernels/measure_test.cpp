@@ -6,8 +6,8 @@
 
 #include <numbers>
 
-#include "kernels/mesh_distance.h"
-#include "tests/kernels/loop_fixture.h"
+#include "kernels/surface/mesh_distance.h"
+#include "tests/kernels/loop/loop_fixture.h"
 
 namespace {
 

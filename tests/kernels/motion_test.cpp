@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "kernels/primitives.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead::motion_test {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "kernels/lattice_map_body.h"
+#include "kernels/loop/lattice_map_body.h"
 
 namespace {
 
@@ -74,7 +74,8 @@ TEST(Pack, ZeroStepsKeepNegativeZeros) {
 }
 
 TEST(Pack, ClampsLongVectorsAlone) {
-  const Vec3f inside = knead::clamped(Vec3f{0.3f, 0, 0.4f}, 0.5f), outside = knead::clamped(Vec3f{0, -3, 4}, 0.5f), zero = knead::clamped(Vec3f{0, 0, 0}, 0.0f);
+  const Vec3f inside = knead::clamped(Vec3f{0.3f, 0, 0.4f}, 0.5f), outside = knead::clamped(Vec3f{0, -3, 4}, 0.5f),
+              zero = knead::clamped(Vec3f{0, 0, 0}, 0.0f);
   EXPECT_NEAR(length(inside), 0.5f, 1e-6f);
   EXPECT_EQ(inside.y, 0);
   EXPECT_NEAR(outside.y, -0.3f, 1e-6f);

@@ -68,7 +68,8 @@ TEST(SdfSample, GradientIsTheSlopeOfTheInterpolant) {
   std::mt19937 random(9);
   std::uniform_real_distribution<float> coordinate(-9, 9), inside(0.1f, 0.9f);
   for (int i = 0; i < 2000; ++i) {
-    const Vec3f p{std::floor(coordinate(random)) + inside(random), std::floor(coordinate(random)) + inside(random), std::floor(coordinate(random)) + inside(random)};
+    const Vec3f p{std::floor(coordinate(random)) + inside(random), std::floor(coordinate(random)) + inside(random),
+                  std::floor(coordinate(random)) + inside(random)};
     SdfSampler sampler(sphere.view);
     Vec3f gradient;
     sampler.value_and_gradient(p, gradient);

@@ -2,7 +2,7 @@
 
 #include <numbers>
 
-#include "kernels/primitives.h"
+#include "kernels/shapes/primitives.h"
 #include "tests/nodes/direct_run.h"
 
 namespace knead {

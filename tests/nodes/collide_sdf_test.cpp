@@ -6,9 +6,9 @@
 #include "graph/error.h"
 #include "graph/plan.h"
 #include "io/graph_file.h"
-#include "kernels/data.h"
-#include "kernels/mesh_distance.h"
-#include "kernels/primitives.h"
+#include "kernels/port_types.h"
+#include "kernels/shapes/primitives.h"
+#include "kernels/surface/mesh_distance.h"
 #include "tests/nodes/sdf_node_context.h"
 
 namespace {
@@ -49,10 +49,12 @@ TEST(CollideSdf, GivesTheVerySameSurfaceBackWithoutContact) {
 
 TEST(CollideSdf, SaysWhichNodeTookAParameterOver) {
   try {
-    knead::compile(knead::read_graph_text("knead: 1\nnodes:\n  b: {type: primitive}\n  p: {type: collide_sdf, surface: b, way_in: true}\n", "old.yaml"));
+    knead::compile(
+        knead::read_graph_text("knead: 1\nnodes:\n  b: {type: primitive}\n  p: {type: collide_sdf, surface: b, way_in: true}\n", "old.yaml"));
     FAIL() << "way_in was taken";
   } catch (const knead::Error& error) {
-    EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("old.yaml:4"), testing::HasSubstr("'way_in'"), testing::HasSubstr("'approach' took it over")));
+    EXPECT_THAT(error.what(),
+                testing::AllOf(testing::HasSubstr("old.yaml:4"), testing::HasSubstr("'way_in'"), testing::HasSubstr("'approach' took it over")));
   }
 }
 

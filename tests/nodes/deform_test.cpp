@@ -5,7 +5,7 @@
 
 #include "graph/evaluator.h"
 #include "graph/report.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 namespace deform_test {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "graph/registry.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead::direct {
 

@@ -6,7 +6,7 @@
 
 #include "graph/evaluator.h"
 #include "graph/report.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 namespace equilibrium_test {
@@ -249,7 +249,9 @@ TEST(Equilibrium, IsOneNodeToo) {
 
 TEST(EquilibriumCascade, IsTwoOfTheOneNodeFormToo) {
   GraphSpec graph = pressed();
-  graph.add("first", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 3}, {"threshold", 1e-2}, {"displacement", 1e-2}, {"penetration", 2e-2}})
+  graph
+      .add("first", "deform_equilibrium",
+           {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 3}, {"threshold", 1e-2}, {"displacement", 1e-2}, {"penetration", 2e-2}})
       .add("whole", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}, {"start", "first.state"}})
       .add("second", "equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"start", "first.state"}})
       .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "second"}, {"sdf", "solid"}});

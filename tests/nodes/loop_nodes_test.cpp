@@ -4,10 +4,10 @@
 #include <cstring>
 
 #include "graph/error.h"
-#include "kernels/enforce_stiffness.h"
-#include "kernels/hold.h"
-#include "kernels/restore_volume.h"
-#include "tests/kernels/loop_fixture.h"
+#include "kernels/loop/enforce_stiffness.h"
+#include "kernels/loop/hold.h"
+#include "kernels/loop/restore_volume.h"
+#include "tests/kernels/loop/loop_fixture.h"
 #include "tests/nodes/direct_run.h"
 
 namespace knead {
@@ -46,7 +46,9 @@ bool same_bits(const Buffer<T>& a, const Buffer<T>& b) {
   return a.size() == b.size() && std::memcmp(a.host().data(), b.host().data(), a.bytes()) == 0;
 }
 
-Points shaken_h() { return {fixture::shaken(loop_scene().tets.rest, 0.1f, 31)}; }
+Points shaken_h() {
+  return {fixture::shaken(loop_scene().tets.rest, 0.1f, 31)};
+}
 
 TEST(RestoreVolumeNode, PassesItsParametersOn) {
   const auto executor = knead::make_cpu_executor(2);
@@ -66,7 +68,8 @@ TEST(EnforceStiffnessNode, PassesItsParametersAndPaintOn) {
   const auto executor = knead::make_cpu_executor(2);
   std::vector<float> paint(loop_scene().tets.vertices(), 0.5f);
   const Weights weights{Buffer<float>(paint)};
-  DirectRun run(knead::register_enforce_stiffness, "enforce_stiffness", Literal::Map{{"stiffness", 0.9}, {"mode", "stretched_only"}, {"max_step", 0.1}});
+  DirectRun run(knead::register_enforce_stiffness, "enforce_stiffness",
+                Literal::Map{{"stiffness", 0.9}, {"mode", "stretched_only"}, {"max_step", 0.1}});
   run.give("points", shaken_h()).give("tets", loop_scene().tets).give("weights", weights).at(1);
   knead::EnforceStiffnessSettings settings;
   settings.stiffness = 0.9;
@@ -104,7 +107,8 @@ TEST(MapToTetsNode, ClampsByTheMeanEdgeWhenItKnowsIt) {
     if (with_tets) lift.give("tets", scene.tets);
     lift.at(1);
     float most = 0;
-    for (size_t j = 0; j < scene.tets.vertices(); ++j) most = std::max(most, length(lift.result<Points>().values.host()[j] - scene.tets.rest.host()[j]));
+    for (size_t j = 0; j < scene.tets.vertices(); ++j)
+      most = std::max(most, length(lift.result<Points>().values.host()[j] - scene.tets.rest.host()[j]));
     return most;
   };
   EXPECT_NEAR(longest(true), 0.5f * scene.tets.mean_edge, 1e-5f);
@@ -148,7 +152,11 @@ TEST(MeasureNode, ReportsWorldUnitsAndFractions) {
   loop.set("ended", std::string("at rest"));
   build.set("iterations", 13);
   DirectRun measure(knead::register_measure, "measure", Literal::Map{{"face_samples", 45}});
-  measure.give("surface", loop_body(1.1)).give("rest", loop_body(1)).give("sdf", sdf).give("tets", scene.tets).give("points", Points{Buffer<Vec3f>(x)});
+  measure.give("surface", loop_body(1.1))
+      .give("rest", loop_body(1))
+      .give("sdf", sdf)
+      .give("tets", scene.tets)
+      .give("points", Points{Buffer<Vec3f>(x)});
   measure.give("lattice", scene.lattice).give("report", loop).give("report", build).at(1);
   const Report& report = measure.result<Report>();
   const double diagonal = loop_body(1).diagonal() * 2;

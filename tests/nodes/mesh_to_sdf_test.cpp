@@ -3,11 +3,11 @@
 #include <cstring>
 #include <random>
 
-#include "kernels/data.h"
-#include "kernels/mesh_distance.h"
-#include "kernels/primitives.h"
+#include "kernels/port_types.h"
 #include "kernels/sdf_sample.h"
-#include "kernels/winding_number.h"
+#include "kernels/shapes/primitives.h"
+#include "kernels/surface/mesh_distance.h"
+#include "kernels/surface/winding_number.h"
 #include "tests/nodes/sdf_node_context.h"
 
 namespace {
@@ -65,11 +65,10 @@ TEST(MeshToSdf, KnowsItsInsideToTheMedialAxis) {
 
 TEST(MeshToSdf, AgreesWithExactWindingNumbersInSign) {
   std::string warnings;
-  const std::vector<Surface> shapes{
-      knead::make_torus(1, 0.3, 32),
-      solid_joined(knead::make_sphere(1, 3), knead::make_sphere(0.5, 3), {0, 0, 0}, true),   // a cavity
-      solid_joined(knead::make_sphere(1, 3), knead::make_sphere(0.9, 3), {1, 0, 0}, false),  // an overlap
-      knead::make_fist(1, 800)};
+  const std::vector<Surface> shapes{knead::make_torus(1, 0.3, 32),
+                                    solid_joined(knead::make_sphere(1, 3), knead::make_sphere(0.5, 3), {0, 0, 0}, true),   // a cavity
+                                    solid_joined(knead::make_sphere(1, 3), knead::make_sphere(0.9, 3), {1, 0, 0}, false),  // an overlap
+                                    knead::make_fist(1, 800)};
   for (const Surface& shape : shapes) {
     const Sdf sdf = solid_of(shape, 40, &warnings);
     std::vector<Vec3d> points;
@@ -81,7 +80,7 @@ TEST(MeshToSdf, AgreesWithExactWindingNumbersInSign) {
       const Vec3d p = to_double(shape.lower) + Vec3d{u(random) * size.x, u(random) * size.y, u(random) * size.z};
       const double value = solid_at(sdf, p);
       if (std::abs(value) < 0.5 * sdf.voxel_size) continue;
-      ASSERT_EQ(value < 0, knead::winding_number_exact(points, shape.topology->triangles, p) > 0.5) << p.x << ' ' << p.y << ' ' << p.z;
+      ASSERT_EQ(value<0, knead::winding_number_exact(points, shape.topology->triangles, p)> 0.5) << p.x << ' ' << p.y << ' ' << p.z;
     }
   }
 }

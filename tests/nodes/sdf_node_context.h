@@ -12,7 +12,8 @@ namespace sdf_node_test {
 class OneNode : public knead::Context {
  public:
   explicit OneNode(const std::string& type, int threads = 1)
-      : node_(knead::Registry::builtin().find(type)->make()), executor_(threads > 1 ? knead::make_cpu_executor(threads) : knead::make_serial_executor()) {
+      : node_(knead::Registry::builtin().find(type)->make()),
+        executor_(threads > 1 ? knead::make_cpu_executor(threads) : knead::make_serial_executor()) {
     inputs_.resize(node_->inputs().size());
     outputs_.resize(node_->outputs().size());
   }

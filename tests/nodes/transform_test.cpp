@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "direct_run.h"
-#include "kernels/primitives.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead {
 void register_transform(Registry&);

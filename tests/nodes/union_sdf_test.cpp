@@ -1,9 +1,9 @@
 #include <gtest/gtest.h>
 
 #include "graph/error.h"
-#include "kernels/data.h"
-#include "kernels/primitives.h"
+#include "kernels/port_types.h"
 #include "kernels/sdf_sample.h"
+#include "kernels/shapes/primitives.h"
 #include "tests/nodes/sdf_node_context.h"
 
 namespace {

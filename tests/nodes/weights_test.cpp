@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "direct_run.h"
-#include "kernels/primitives.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead {
 void register_weights(Registry&);

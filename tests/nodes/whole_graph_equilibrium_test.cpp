@@ -5,7 +5,7 @@
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 #include "tests/kernels/on_device.h"
 
 namespace knead {

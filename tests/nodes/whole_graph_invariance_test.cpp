@@ -5,7 +5,7 @@
 // kRounding allows ten times that. It holds at the default stop too, as long as no frame ends within rounding of the threshold.
 //
 // Turned by a transform node the body keeps its own space, and its bits. A mesh that was turned before it was written is rounded elsewhere, and its H and its
-// collider's field come out the same along the shapes' own axes (kernels/principal_frame.h), which carry another 1e-7: 0.6e-7 to 6e-7 was measured. Shapes
+// collider's field come out the same along the shapes' own axes (kernels/surface/principal_frame.h), which carry another 1e-7: 0.6e-7 to 6e-7 was measured. Shapes
 // without clear axes keep those of their file; then the discretisation differs, and the result by less than a cell at the worst vertex: kOtherCells.
 //
 // Rounding can flip one decision of the octree in rare cases (a triangle within 1e-7 of touching a cell, a split by one vertex on a cell's face). The turns here
@@ -22,8 +22,9 @@
 #include <random>
 
 #include "graph/evaluator.h"
-#include "kernels/data.h"
 #include "kernels/motion.h"
+#include "kernels/port_types.h"
+#include "tests/paths.h"
 
 namespace knead {
 namespace whole_graph_invariance_test {
@@ -223,7 +224,7 @@ TEST_F(WholeGraphInvariance, OfTurningTheFiles) {
 }
 
 TEST_F(WholeGraphInvariance, OfTurningTheFilesOfAScannedHead) {
-  const std::string data = KNEAD_SHARED_DATA;
+  const std::string data = shared_data();
   if (!fs::exists(data)) GTEST_SKIP() << "no meshes at " << data;
   const Mesh head = file(data + "/heads/head_ict_2400.obj");
   const Vec3d tip = *std::max_element(head.points.begin(), head.points.end(), [](const Vec3d& a, const Vec3d& b) { return a.z < b.z; });

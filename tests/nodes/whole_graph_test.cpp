@@ -10,7 +10,7 @@
 
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
-#include "kernels/data.h"
+#include "kernels/port_types.h"
 
 namespace knead {
 namespace whole_graph_test {

@@ -6,7 +6,7 @@
 
 #include "direct_run.h"
 #include "io/files.h"
-#include "io/mesh_io.h"
+#include "io/mesh/mesh_io.h"
 
 namespace knead {
 void register_write_mesh(Registry&);

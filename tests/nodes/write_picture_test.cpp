@@ -3,9 +3,9 @@
 #include <filesystem>
 
 #include "direct_run.h"
-#include "io/picture.h"
+#include "io/picture/picture.h"
 #include "kernels/motion.h"
-#include "kernels/primitives.h"
+#include "kernels/shapes/primitives.h"
 
 namespace knead {
 void register_write_picture(Registry&);

@@ -1,0 +1,108 @@
+// PLY headers: elements, their properties, and what Knead takes each property for.
+#include <utility>
+
+#include "io/mesh/ply.h"
+
+namespace knead::mesh::ply {
+
+namespace {
+
+std::optional<Type> type_named(std::string_view name) {
+  static constexpr std::pair<std::string_view, Type> kNames[] = {
+      {"char", Type::kInt8},   {"int8", Type::kInt8},     {"uchar", Type::kUint8},   {"uint8", Type::kUint8},
+      {"short", Type::kInt16}, {"int16", Type::kInt16},   {"ushort", Type::kUint16}, {"uint16", Type::kUint16},
+      {"int", Type::kInt32},   {"int32", Type::kInt32},   {"uint", Type::kUint32},   {"uint32", Type::kUint32},
+      {"float", Type::kFloat}, {"float32", Type::kFloat}, {"double", Type::kDouble}, {"float64", Type::kDouble}};
+  for (const auto& [known, type] : kNames)
+    if (known == name) return type;
+  return {};
+}
+
+void find_use(const std::string& element, Property& property) {
+  struct Known {
+    const char* name;
+    Use use;
+    int part;
+  };
+  static constexpr Known kOfVertex[] = {{"x", Use::kPosition, 0},         {"y", Use::kPosition, 1},
+                                        {"z", Use::kPosition, 2},         {"nx", Use::kNormal, 0},
+                                        {"ny", Use::kNormal, 1},          {"nz", Use::kNormal, 2},
+                                        {"s", Use::kTexture, 0},          {"t", Use::kTexture, 1},
+                                        {"u", Use::kTexture, 0},          {"v", Use::kTexture, 1},
+                                        {"texture_u", Use::kTexture, 0},  {"texture_v", Use::kTexture, 1},
+                                        {"red", Use::kColour, 0},         {"green", Use::kColour, 1},
+                                        {"blue", Use::kColour, 2},        {"alpha", Use::kColour, 3},
+                                        {"r", Use::kColour, 0},           {"g", Use::kColour, 1},
+                                        {"b", Use::kColour, 2},           {"a", Use::kColour, 3},
+                                        {"diffuse_red", Use::kColour, 0}, {"diffuse_green", Use::kColour, 1},
+                                        {"diffuse_blue", Use::kColour, 2}};
+  static constexpr Known kOfFace[] = {{"vertex_indices", Use::kCorners, 0}, {"vertex_index", Use::kCorners, 0}, {"texcoord", Use::kCornerTexture, 0}};
+  if (element == "vertex" && !property.list)
+    for (const Known& known : kOfVertex)
+      if (property.name == known.name) property.use = known.use, property.part = known.part;
+  if (element == "face" && property.list)
+    for (const Known& known : kOfFace)
+      if (property.name == known.name) property.use = known.use, property.part = known.part;
+}
+
+Type read_type(TextReader& text) {
+  const std::string_view word = text.word();
+  const std::optional<Type> type = type_named(word);
+  if (!type) text.fail(shown(word) + " is no PLY type", "PLY knows char, uchar, short, ushort, int, uint, float and double");
+  return *type;
+}
+
+Property read_property(TextReader& text, const std::string& element) {
+  Property property;
+  std::string_view word = text.word();
+  if (word == "list") {
+    property.list = read_type(text);
+    if (*property.list == Type::kFloat || *property.list == Type::kDouble) text.fail("a list cannot have a fractional length");
+    property.type = read_type(text);
+  } else {
+    const std::optional<Type> type = type_named(word);
+    if (!type) text.fail(shown(word) + " is no PLY type", "PLY knows char, uchar, short, ushort, int, uint, float and double");
+    property.type = *type;
+  }
+  property.name = text.word();
+  if (property.name.empty()) text.fail("a property without a name");
+  find_use(element, property);
+  return property;
+}
+
+}  // namespace
+
+Header read_header(TextReader& text) {
+  Header header;
+  if (!text.next_line() || text.word() != "ply") text.fail("is no PLY file: the first line is not 'ply'", "check the file's ending");
+  bool format_known = false;
+  while (text.next_line()) {
+    const std::string_view keyword = text.word();
+    if (keyword == "end_header") {
+      if (!format_known) text.fail("the header has no 'format' line");
+      return header;
+    }
+    if (keyword == "format") {
+      const std::string_view format = text.word();
+      if (format != "ascii" && format != "binary_little_endian" && format != "binary_big_endian") text.fail(shown(format) + " is no PLY format");
+      header.encoding = format == "ascii" ? Encoding::kAscii : format == "binary_big_endian" ? Encoding::kBig : Encoding::kLittle;
+      format_known = true;
+    } else if (keyword == "element") {
+      Element element;
+      element.name = text.word();
+      const int64_t count = text.integer("a count");
+      if (count < 0) text.fail("a negative count");
+      element.count = static_cast<size_t>(count);
+      header.elements.push_back(std::move(element));
+    } else if (keyword == "property") {
+      if (header.elements.empty()) text.fail("a property before the first element");
+      if (header.elements.back().properties.size() >= 1000) text.fail("more than a thousand properties");
+      header.elements.back().properties.push_back(read_property(text, header.elements.back().name));
+    } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
+      text.fail(shown(keyword) + " is no PLY header statement");
+    }
+  }
+  text.fail("the header has no 'end_header'", "the file is damaged or cut short");
+}
+
+}  // namespace knead::mesh::ply

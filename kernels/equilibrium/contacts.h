@@ -1,0 +1,96 @@
+// What presses a body in one frame (kernels/equilibrium/equilibrium.h): the samples of M against the colliders, each with its memory, and the volume that M
+// encloses, which has a memory too.
+#pragma once
+#include <span>
+#include <vector>
+
+#include "kernels/equilibrium/contact_body.h"
+#include "kernels/equilibrium/energy_sums.h"
+#include "kernels/equilibrium/rest_tables.h"
+#include "kernels/equilibrium/rows.h"
+
+namespace knead {
+
+class EquilibriumContacts {
+ public:
+  EquilibriumContacts(Executor& executor, const EquilibriumRest& rest, const Similarity& placement, std::span<const Sdf* const> colliders,
+                      const EquilibriumSettings& settings, EquilibriumSums* sums, const EquilibriumSums& seen);
+
+  // Forces with H displaced by u, and their energy to `sums`, where `travelled` says how far any vertex of H has gone since the last call of
+  // list_samples, or more. `sums` is in the executor's memory; what the host has last seen of it is in `seen`. `again`: u is as it was the last time.
+  void evaluate(const Row4* u, bool again);
+  // By place: the samples' forces. Null on a device, where every place gathers them.
+  const Row4* pushes() const { return on_host() ? push_.host().data() : nullptr; }
+  // By sample, to be added to that: on the host what acts on all vertices of M at once. Null when nothing does.
+  const Row4* forces() const { return keeps_volume() || !on_host() ? force_.view(executor_.device()).data() : nullptr; }
+
+  // Finds the samples that may come in contact before H has travelled skin(). `travelled`: how far it has since the last call, or more, cells; negative:
+  // there was none yet, or colliders have moved since.
+  void list_samples(const Row4* u, float travelled);
+  float skin() const { return skin_; }
+
+  // Where colliders came in: by `given` (world; zero: not given), else as kernels/loop/approach.h finds it: these can stand back. Else by the normals of what is
+  // inside, if these agree: its samples are held by the way in, not by the nearest way out. Whether there is one; call at rest, after evaluate.
+  bool find_entries(const Vec3d& given);
+  size_t undecided() const { return undecided_; }  // colliders of which neither says where they came in
+  size_t enclosed() const;                         // colliders that lie in M as it is at rest and touch nothing; call after evaluate
+  double longest_way() const;                      // of those that can stand back, cells
+  double steps_in(double stride) const;  // for these ways, of `stride`, cells, or a part of the collider's half thickness; not a whole number
+  bool stand_free() const;               // none of them is in deeper than that part; after evaluate
+  void stand_back(double share);         // by this share of their ways
+  bool by_entries() const { return body_.exits != nullptr; }
+  void forget_entries() { body_.exits = nullptr; }
+
+  // Pushes to begin with, and those of now: EquilibriumState has them so. To begin with friction, find_entries at rest, then stick where samples are pushed.
+  void set_pressures(std::span<const float> contacts, double volume);
+  Buffer<float> pressures() const;  // after evaluate
+  double volume_pressure() const { return seen_.volume.stiffness * (seen_.volume.memory + seen_.volume.error); }
+  void stick();
+
+  // lambda <- max(0, lambda - phi) after evaluate; the same for the volume.
+  void update_memory();
+  // Stiffer contacts under the same forces.
+  void stiffen(float by);
+
+  // What the samples that push add to the diagonal of a metric: blocks by place (kernels/multigrid/multigrid_body.h), in the executor's memory.
+  void make_blocks(float* blocks) const;
+
+  bool keeps_volume() const { return !rest_.fans.empty(); }
+  double volume_error() const { return seen_.volume.error; }
+  double volume_stiffness() const;   // kb
+  double volume_compliance() const;  // the inverse of the enclosed volume's second derivative along its gradient
+  // The gradient of the enclosed volume by place, of the last evaluate.
+  void volume_gradient(Row4* by_place) const;
+
+ private:
+  Vec3d against_patch(const float* distance) const;             // to one collider
+  void find_beginnings(uint32_t collider, const Vec3d& entry);  // for friction
+  void add_volume();
+  void spread();
+  size_t samples() const { return rest_.samples.size(); }
+  bool on_host() const { return executor_.device() == Device{}; }
+  std::vector<float> read(const float* values, size_t n) const;
+  double most_at_a_time(size_t collider) const;
+  std::vector<float> distances() const { return read(body_.distance, body_.count * samples()); }
+
+  Executor& executor_;
+  const EquilibriumRest& rest_;
+  const Similarity placement_;
+  const std::span<const Sdf* const> colliders_;
+  const EquilibriumSettings& settings_;
+  EquilibriumSums* const sums_;
+  const EquilibriumSums& seen_;
+  ContactEnergy body_{};
+  Buffer<Row4> force_, push_, now_, volume_gradient_;
+  Buffer<float> memory_, distance_;
+  Buffer<Row4> normal_, stuck_;
+  Buffer<float> began_;
+  std::vector<ColliderView> places_;  // where the colliders are in the end
+  std::vector<Vec3d> ways_;           // along which they come there
+  Buffer<float> slack_, exits_;
+  std::vector<uint32_t> list_, pushed_;  // samples that may push; places that are pushed; on the host
+  float skin_;
+  size_t undecided_ = 0;
+};
+
+}  // namespace knead

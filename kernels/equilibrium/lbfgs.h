@@ -1,0 +1,34 @@
+// The directions of the equilibrium's descent (kernels/equilibrium/lbfgs_body.h): everything that L-BFGS remembers stays in the executor's memory.
+#pragma once
+#include "kernels/equilibrium/contacts.h"
+#include "kernels/equilibrium/lbfgs_body.h"
+#include "kernels/equilibrium/rows.h"
+
+namespace knead {
+
+class Descent {
+ public:
+  Descent(Executor& executor, const EquilibriumRest& rest);
+
+  // After make and a step `along` its direction.
+  void remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after, double along);
+  void forget() { ring_.pairs = 0; }
+  bool remembers() const { return ring_.pairs > 0; }
+  // What the enclosed volume adds to `metric`.
+  void renew_bulk(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work);
+  // direction <- -(metric of the pairs) gradient; `slope`: their product, in the executor's memory. `grid`: of the metric, as solve has it.
+  void make(const Multigrid& metric, const EnergySimd& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work);
+
+ private:
+  PairRows pairs();
+
+  Executor& executor_;
+  const EquilibriumRest& rest_;
+  Buffer<Row4> steps_, changes_;  // [kMost][places]
+  Buffer<History> history_;
+  Rows bulk_, bulk_solved_;
+  Ring ring_{0, History::kMost - 1};
+  bool keeps_volume_ = false;
+};
+
+}  // namespace knead

@@ -1,0 +1,28 @@
+// Vectors of the equilibrium solver: a row of four floats per vertex of H, zero to begin with, in the executor's memory.
+#pragma once
+#include "graph/buffer.h"
+#include "graph/executor.h"
+#include "kernels/parallel.h"
+#include "kernels/row4.h"
+
+namespace knead {
+
+// Storage in the executor's memory, of which every word is `word`.
+template <class T>
+Buffer<T> filled(Executor& executor, size_t n, uint32_t word = 0) {
+  Buffer<T> made(n, executor.memory());
+  parallel_for(executor, made.bytes() / sizeof word, "fill_words", FillWords{reinterpret_cast<uint32_t*>(made.data_for_write()), word},
+               size_t{1} << 16);
+  return made;
+}
+
+class Rows {
+ public:
+  Rows(Executor& executor, size_t n) : buffer_(filled<Row4>(executor, n)) {}
+  Row4* data() { return buffer_.data_for_write(); }
+
+ private:
+  Buffer<Row4> buffer_;
+};
+
+}  // namespace knead

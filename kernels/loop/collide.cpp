@@ -1,0 +1,278 @@
+#include "kernels/loop/collide.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "graph/error.h"
+#include "kernels/loop/collide_launch.h"
+#include "kernels/parallel.h"
+#include "kernels/surface/mesh_distance.h"
+
+namespace knead {
+namespace {
+
+constexpr float kBoxMargin = 3;       // voxels around the band: what central differences and rounding reach
+constexpr double kExactWithin = 1.8;  // voxels: within this of the surface a grid's value may be off by what its mesh decides
+
+Similarity to_collider(const Sdf& sdf, const Similarity& body) {
+  return sdf.placement.inverse() * body;
+}
+
+}  // namespace
+
+ColliderView view_collider(const Sdf& sdf, Device device, const Similarity& body) {
+  ColliderView view{};
+  view.sdf.grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.view(device).data());
+  const Similarity local = to_collider(sdf, body);
+  const double to_voxels = 1 / static_cast<double>(sdf.voxel_size);
+  const Vec3d origin = to_double(sdf.index_origin), offset = (local.translation - origin) * to_voxels;
+  for (int k = 0; k < 9; ++k) view.matrix[k] = static_cast<float>(local.rotation[k] * local.scale * to_voxels);
+  view.offset = to_float(offset);
+  view.scale = static_cast<float>(1 / local.scale);
+  view.centre = to_float(local.inverse().apply((to_double(sdf.lower) + to_double(sdf.upper)) * 0.5));
+  const float reach = sdf.outside_band / sdf.voxel_size + kBoxMargin;
+  const Vec3f lower = to_float((to_double(sdf.lower) - origin) * to_voxels), upper = to_float((to_double(sdf.upper) - origin) * to_voxels);
+  view.sdf.voxel = sdf.voxel_size;
+  view.sdf.lower = lower - Vec3f{reach, reach, reach};
+  view.sdf.upper = upper + Vec3f{reach, reach, reach};
+  return view;
+}
+
+void check_margin(const Sdf& sdf, const Similarity& body, double margin, size_t which) {
+  const double band = sdf.outside_band * sdf.placement.scale, asked = margin * body.scale;
+  if (margin == 0 || (asked < band && margin > 0)) return;
+  throw Error(
+      ErrorCode::kInput,
+      "margin " + std::to_string(asked) + " is not within the outside band of collider " + std::to_string(which + 1) + ", " + std::to_string(band),
+      margin < 0 ? "a margin is zero or positive" : "raise mesh_to_sdf's band, or lower the margin");
+}
+
+namespace {
+
+// Of what a sampler does not answer with the background at once, in M's local space. Its margin is voxels wide, roundings are not.
+void find_box(const Sdf& sdf, const Similarity& body, const SdfView& view, Vec3f& lower, Vec3f& upper) {
+  const Similarity from_collider = to_collider(sdf, body).inverse();
+  for (int corner = 0; corner < 8; ++corner) {
+    const Vec3f index{corner & 1 ? view.upper.x : view.lower.x, corner & 2 ? view.upper.y : view.lower.y, corner & 4 ? view.upper.z : view.lower.z};
+    const Vec3f at = to_float(from_collider.apply(to_double(sdf.index_origin) + static_cast<double>(sdf.voxel_size) * to_double(index)));
+    if (corner == 0) lower = upper = at;
+    lower = {std::min(lower.x, at.x), std::min(lower.y, at.y), std::min(lower.z, at.z)};
+    upper = {std::max(upper.x, at.x), std::max(upper.y, at.y), std::max(upper.z, at.z)};
+  }
+}
+
+}  // namespace
+
+CollidePush make_push(Executor& executor, const CollideInput& input) {
+  if (input.colliders.size() > kMostColliders)
+    throw Error(ErrorCode::kInput,
+                std::to_string(input.colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one push takes",
+                "join some of them with union_sdf");
+  CollidePush body{};
+  body.points = input.points.data();
+  body.memory = input.memory.empty() ? nullptr : input.memory.data();
+  for (size_t k = 0; k < input.colliders.size(); ++k) {
+    check_margin(*input.colliders[k], input.placement, input.margin, k);
+    body.colliders[k] = view_collider(*input.colliders[k], executor.device(), input.placement);
+    find_box(*input.colliders[k], input.placement, body.colliders[k].sdf, body.lower[k], body.upper[k]);
+  }
+  body.count = static_cast<uint32_t>(input.colliders.size());
+  body.margin = static_cast<float>(input.margin);
+  body.rate = static_cast<float>(input.rate);
+  body.most = static_cast<float>(input.most);
+  body.diagonal = input.diagonal;
+  body.before = input.before;
+  body.stand_back = input.stand_back.empty() ? nullptr : input.stand_back.data();
+  return body;
+}
+
+void collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out, ContactProgress* after) {
+  CollidePush body = make_push(executor, input);
+  body.displacement = displacement;
+  body.memory_out = memory_out;
+  body.after = after;
+  reduce(executor, input.points.size(), body);
+}
+
+void add_displacement(Executor& executor, std::span<const Vec3f> points, const Vec3f* displacement, Vec3f* moved) {
+  parallel_for(executor, points.size(), "add_displacement", AddDisplacement{points.data(), displacement, moved});
+}
+
+namespace {
+
+struct Contact {
+  double depth = 0;    // below the margin, M's local units; positive: in collision
+  Vec3d out{0, 0, 0};  // unit, M's local space
+};
+
+class Projector {
+ public:
+  Projector(const ProjectInput& input) : input_(input) {
+    for (size_t k = 0; k < input.colliders.size(); ++k) {
+      check_margin(*input.colliders[k], input.placement, input.margin, k);
+      views_.push_back(view_collider(*input.colliders[k], Device{}, input.placement));
+      local_.push_back(to_collider(*input.colliders[k], input.placement));
+    }
+  }
+
+  // How deep y is in the collider that it is deepest in.
+  Contact contact(const Vec3d& y) const {
+    Contact deepest;
+    for (size_t k = 0; k < views_.size(); ++k) {
+      const Contact one = contact(y, k);
+      if (one.depth > deepest.depth) deepest = one;
+    }
+    return deepest;
+  }
+
+  // Moves p until it is outside, in float steps, and keeps the best place met. Returns how deep it still is.
+  double move_out(Vec3f& p) const {
+    Vec3f best = p;
+    double least = std::numeric_limits<double>::infinity();
+    for (int round = 0; round < input_.rounds; ++round) {
+      const Contact now = contact(to_double(p));
+      if (now.depth < least) least = now.depth, best = p;
+      if (now.depth <= 0) break;
+      const Vec3f next = to_float(to_double(p) + now.out * (now.depth + input_.clearance));
+      if (next.x == p.x && next.y == p.y && next.z == p.z) break;
+      p = next;
+    }
+    p = best;
+    return least;
+  }
+
+ private:
+  Contact contact(const Vec3d& y, size_t k) const {
+    const ColliderView& view = views_[k];
+    const Sdf& sdf = *input_.colliders[k];
+    SdfSampler sampler(view.sdf);
+    const Vec3f index = CollidePush::to_index(view, to_float(y));
+    const double value = sampler.value(index) * view.scale;  // M's local units
+    const MeshDistance* mesh = input_.meshes.empty() ? nullptr : input_.meshes[k];
+    if (mesh) {
+      if (value > input_.margin + kExactWithin * sdf.voxel_size * view.scale) return {};
+      const SignedDistance exact = mesh->signed_distance(local_[k].apply(y));
+      Vec3d out = exact.normal;
+      // Back into M's space by the transposed rotation.
+      const auto& r = local_[k].rotation;
+      out = {r[0] * out.x + r[3] * out.y + r[6] * out.z, r[1] * out.x + r[4] * out.y + r[7] * out.z, r[2] * out.x + r[5] * out.y + r[8] * out.z};
+      return {input_.margin - exact.distance / local_[k].scale, out};
+    }
+    if (value >= input_.margin) return {};
+    Vec3f slope;
+    sampler.value_and_gradient(index, slope);
+    const Vec3d g = to_double(CollidePush::from_index(view, slope)) * static_cast<double>(view.scale);
+    const double size = length(g);
+    if (size < kLeastSlope) return {input_.margin - value, to_double(CollidePush::outwards(view, to_float(y), true))};
+    return {(input_.margin - value) / std::min(1.0, size), g * (1 / size)};
+  }
+
+  const ProjectInput& input_;
+  std::vector<ColliderView> views_;
+  std::vector<Similarity> local_;
+};
+
+// Points of a triangle's barycentric grid other than its corners; weights of the first two corners.
+std::vector<std::array<double, 2>> sample_weights(int n) {
+  std::vector<std::array<double, 2>> weights;
+  for (int i = 0; i <= n; ++i)
+    for (int j = 0; i + j <= n; ++j)
+      if (i != n && j != n && i + j != 0) weights.push_back({static_cast<double>(i) / n, static_cast<double>(j) / n});
+  return weights;
+}
+
+// Pushes triangles whose samples are inside: each vertex takes the deepest push among its triangles, then goes back outside itself. Gathered, so that the
+// order of triangles does not matter.
+double push_samples(Executor& executor, const ProjectInput& input, const Projector& projector, Vec3f* moved) {
+  const size_t n = input.points.size(), count = input.triangles.size() / 3;
+  const std::vector<std::array<double, 2>> weights = sample_weights(input.samples);
+  std::vector<uint32_t> first(n + 1, 0), incident(3 * count);
+  for (uint32_t v : input.triangles) ++first[v + 1];
+  for (size_t v = 0; v < n; ++v) first[v + 1] += first[v];
+  std::vector<uint32_t> cursor(first.begin(), first.end() - 1);
+  for (size_t c = 0; c < 3 * count; ++c) incident[cursor[input.triangles[c]]++] = static_cast<uint32_t>(c / 3);
+
+  std::vector<Contact> worst(count);
+  std::vector<uint8_t> pushed(n, 1);  // since its triangles were looked at
+  double deepest = 0, least = std::numeric_limits<double>::infinity();
+  int idle = 0;  // rounds without progress: a triangle that spans a collider cannot be pushed out
+  for (int round = 0; round <= input.rounds; ++round) {
+    deepest = reduce_max(executor, count, "project_samples", [&](uint32_t t) {
+      const uint32_t* corner = &input.triangles[3 * size_t{t}];
+      if (!pushed[corner[0]] && !pushed[corner[1]] && !pushed[corner[2]]) return worst[t].depth;
+      const Vec3d a = to_double(moved[corner[0]]), b = to_double(moved[corner[1]]), c = to_double(moved[corner[2]]);
+      worst[t] = {};
+      for (const auto& [u, v] : weights) {
+        const Contact at = projector.contact(c + (a - c) * u + (b - c) * v);
+        if (at.depth > worst[t].depth) worst[t] = at;
+      }
+      return worst[t].depth;
+    });
+    idle = deepest < 0.95 * least ? 0 : idle + 1;
+    least = std::min(least, deepest);
+    if (deepest <= input.clearance || round == input.rounds || idle > 5) break;
+    parallel_for(executor, n, "project_faces", [&](uint32_t v) {
+      Contact push;
+      for (uint32_t k = first[v]; k < first[v + 1]; ++k)
+        if (worst[incident[k]].depth > push.depth) push = worst[incident[k]];
+      pushed[v] = push.depth > 0;
+      if (!pushed[v]) return;
+      moved[v] = to_float(to_double(moved[v]) + push.out * (push.depth + input.clearance));
+      projector.move_out(moved[v]);
+    });
+  }
+  return deepest;
+}
+
+}  // namespace
+
+ProjectFigures project_outside(Executor& executor, const ProjectInput& input, Vec3f* moved) {
+  const Projector projector(input);
+  struct Sum {
+    double before = 0, left = 0;
+    size_t inside = 0, still = 0;
+  };
+  auto combine = [](const Sum& a, const Sum& b) {
+    return Sum{std::max(a.before, b.before), std::max(a.left, b.left), a.inside + b.inside, a.still + b.still};
+  };
+  const Sum sum = parallel_reduce(
+      executor, input.points.size(), "project_outside", Sum{},
+      [&](uint32_t i) {
+        moved[i] = input.points[i];
+        Sum one;
+        one.before = projector.contact(to_double(moved[i])).depth;
+        if (one.before <= 0) return Sum{};
+        one.inside = 1;
+        one.left = std::max(0.0, projector.move_out(moved[i]));
+        one.still = one.left > 0;
+        return one;
+      },
+      combine);
+  ProjectFigures figures;
+  figures.deepest_before = sum.before;
+  figures.deepest_left = sum.left;
+  figures.inside = sum.inside;
+  figures.left = sum.still;
+  if (input.samples > 1 && !input.triangles.empty() && !input.colliders.empty()) {
+    figures.deepest_sample = push_samples(executor, input, projector, moved);
+    const Sum after = parallel_reduce(
+        executor, input.points.size(), "project_check", Sum{},
+        [&](uint32_t i) {
+          const double depth = std::max(0.0, projector.contact(to_double(moved[i])).depth);
+          return Sum{0, depth, 0, depth > 0 ? size_t{1} : size_t{0}};
+        },
+        combine);
+    figures.deepest_left = after.left;
+    figures.left = after.still;
+  }
+  figures.moved = reduce_sum(executor, input.points.size(), "project_moved",
+                             [&](uint32_t i) -> size_t { return std::memcmp(&moved[i], &input.points[i], sizeof(Vec3f)) != 0; });
+  return figures;
+}
+
+}  // namespace knead

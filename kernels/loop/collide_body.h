@@ -1,0 +1,169 @@
+// One vertex of the push out of several colliders (method.md 3, Collide, with the contact memory of finding 2).
+#pragma once
+#include <cstdint>
+
+#include "kernels/pack.h"
+#include "kernels/port_types.h"
+#include "kernels/sdf_sample.h"
+#include "kernels/vec.h"
+
+namespace knead {
+
+inline constexpr uint32_t kMostColliders = 24;  // by value in the body, so that a launch needs no upload
+inline constexpr float kLeastSlope = 0.05f;     // a distance has slope 1; below this its direction means nothing
+
+// A collider seen from M: index = matrix * y + offset for a vertex y in M's local space.
+struct ColliderView {
+  SdfView sdf;
+  float matrix[9];
+  Vec3f offset;
+  float scale;   // M's local units per unit of the grid's values
+  Vec3f centre;  // of the collider, M's local space: where to push from when the distance has no slope
+};
+
+struct ContactFigures {
+  float deepest = 0;    // penetration, M's local units
+  uint32_t inside = 0;  // vertices with phi < margin
+  uint32_t pushed = 0;  // vertices with a push that is not zero
+};
+
+struct CollidePush {
+  static constexpr const char* kKernel = "collide_push";
+  const Vec3f* points;            // [n] M's local space
+  const float* memory;            // [n] lambda, local units; null: none yet
+  Vec3f* displacement;            // [n] d_i, M's local space
+  float* memory_out;              // [n]
+  const Vec3f* stand_back;        // [count] where each collider began, away from its place, M's local space; null: in its place
+  const ContactProgress* before;  // of the push before this; null: this is the first
+  ContactProgress* after;
+  double diagonal;  // of M at rest, local units
+  ColliderView colliders[kMostColliders];
+  Vec3f lower[kMostColliders], upper[kMostColliders];  // boxes around them, M's local space: outside they are farther away than the margin
+  uint32_t count;
+  float margin;  // local units: phi is measured from this far outside the collider
+  float rate;    // how much of phi goes into the memory per iteration
+  float most;    // upper bound of lambda, local units
+
+  static KNEAD_HD Vec3f to_index(const ColliderView& c, const Vec3f& y) {
+    return {c.matrix[0] * y.x + c.matrix[1] * y.y + c.matrix[2] * y.z + c.offset.x,
+            c.matrix[3] * y.x + c.matrix[4] * y.y + c.matrix[5] * y.z + c.offset.y,
+            c.matrix[6] * y.x + c.matrix[7] * y.y + c.matrix[8] * y.z + c.offset.z};
+  }
+  // A gradient in index space turned into M's local space.
+  static KNEAD_HD Vec3f from_index(const ColliderView& c, const Vec3f& g) {
+    return {c.matrix[0] * g.x + c.matrix[3] * g.y + c.matrix[6] * g.z, c.matrix[1] * g.x + c.matrix[4] * g.y + c.matrix[7] * g.z,
+            c.matrix[2] * g.x + c.matrix[5] * g.y + c.matrix[8] * g.z};
+  }
+
+  // Unit direction out of collider c at y, and zero where there is no slope outside it. On a medial surface inside, away from the collider's centre.
+  static KNEAD_HD Vec3f outwards(const ColliderView& c, const Vec3f& y, bool inside) {
+    SdfSampler sampler(c.sdf);
+    Vec3f g = from_index(c, sampler.smooth_gradient(to_index(c, y)));
+    float size = length(g);
+    if (!(size * c.scale > kLeastSlope)) {
+      if (!inside) return {0, 0, 0};
+      g = y - c.centre;
+      size = length(g);
+      if (!(size > 0)) return {0, 1, 0};
+    }
+    return g * (1 / size);
+  }
+
+  // The part of the colliders' way in that is left in this push.
+  KNEAD_HD float way_left() const {
+    return stand_back && before && before->step + 1 < before->steps ? 1 - static_cast<float>(before->step + 1) / static_cast<float>(before->steps)
+                                                                    : 0.0f;
+  }
+  // y as collider k sees it while it stands back.
+  KNEAD_HD Vec3f seen_by(uint32_t k, const Vec3f& y, float left) const { return left > 0 ? y - stand_back[k] * left : y; }
+
+  // True only where no collider is as near as its margin, whatever its distance: most of most bodies. False for NaN.
+  KNEAD_HD bool is_far(const Vec3f& y, float left) const {
+    for (uint32_t k = 0; k < count; ++k) {
+      const Vec3f at = seen_by(k, y, left);
+      if (!outside(at, lower[k], upper[k])) return false;
+    }
+    return true;
+  }
+  static KNEAD_HD bool outside(const Vec3f& y, const Vec3f& l, const Vec3f& u) {
+#if defined(__SSE2__) && !defined(__CUDACC__)  // most of what a push does: three comparisons at once
+    const auto row = [](const Vec3f& v) {
+      return _mm_movelh_ps(_mm_loadl_pi(_mm_setzero_ps(), reinterpret_cast<const __m64*>(&v.x)), _mm_load_ss(&v.z));
+    };
+    const __m128 at = row(y);
+    return _mm_movemask_ps(_mm_or_ps(_mm_cmplt_ps(at, row(l)), _mm_cmpgt_ps(at, row(u)))) != 0;
+#else
+    return y.x < l.x || y.y < l.y || y.z < l.z || y.x > u.x || y.y > u.y || y.z > u.z;
+#endif
+  }
+
+  // The distance of y above the margin of the collider that it is deepest in, and which that is.
+  KNEAD_HD float distance(const Vec3f& y, uint32_t& nearest, float left = 0) const {
+    float phi = 3.4e38f;
+    for (uint32_t k = 0; k < count; ++k) {
+      SdfSampler sampler(colliders[k].sdf);
+      const float value = sampler.value(to_index(colliders[k], seen_by(k, y, left))) * colliders[k].scale - margin;
+      if (value < phi) phi = value, nearest = k;
+    }
+    return phi;
+  }
+
+  KNEAD_HD ContactFigures operator()(uint32_t i) const {
+    const Vec3f y = points[i];
+    const float left = way_left(), kept = memory ? memory[i] : 0.0f;
+    if (!(kept > 0) && is_far(y, left)) {  // without a memory no more than the sign of phi counts
+      memory_out[i] = 0;
+      displacement[i] = {0, 0, 0};
+      return {};
+    }
+    uint32_t nearest = 0;
+    const float phi = distance(y, nearest, left);
+    float lambda = kept - rate * phi;
+    lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
+    const float push = lambda > -phi ? lambda : -phi;  // never less than the penetration itself
+    ContactFigures figures;
+    memory_out[i] = lambda;
+    displacement[i] = {0, 0, 0};
+    if (phi < 0) {
+      figures.inside = 1;
+      figures.deepest = -phi;
+    }
+    if (push > 0) {
+      const Vec3f d = outwards(colliders[nearest], seen_by(nearest, y, left), phi < 0) * push;
+      displacement[i] = d;
+      figures.pushed = d.x != 0 || d.y != 0 || d.z != 0;
+    }
+    return figures;
+  }
+  static KNEAD_HD ContactFigures combine(const ContactFigures& a, const ContactFigures& b) {
+    return {a.deepest < b.deepest ? b.deepest : a.deepest, a.inside + b.inside, a.pushed + b.pushed};
+  }
+  KNEAD_HD void finish(const ContactFigures& figures) const {
+    ContactProgress now;
+    double away = figures.deepest;
+    const float left = way_left();
+    if (left > 0)  // the loop must not end on the way
+      for (uint32_t k = 0; k < count; ++k) {
+        const double stands = static_cast<double>(length(stand_back[k]) * left);
+        away = stands > away ? stands : away;
+      }
+    now.unrest = diagonal > 0 ? away / diagonal : 0.0;
+    now.deepest = figures.deepest;
+    now.inside = figures.inside;
+    now.pushed = figures.pushed;
+    now.steps = before ? before->steps : 0;
+    now.step = before && before->step < before->steps ? before->step + 1 : now.steps;
+    *after = now;
+  }
+};
+
+struct AddDisplacement {
+  static constexpr const char* kKernel = "add_displacement";
+  const Vec3f* points;
+  const Vec3f* displacement;
+  Vec3f* moved;
+
+  KNEAD_HD void operator()(uint32_t i) const { moved[i] = points[i] + displacement[i]; }
+};
+
+}  // namespace knead

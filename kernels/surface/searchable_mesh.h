@@ -1,0 +1,36 @@
+// The search structure over a mesh's triangles, as nodes share it between frames.
+#pragma once
+#include <memory>
+#include <span>
+
+#include "graph/node.h"
+#include "kernels/port_types.h"
+#include "kernels/surface/mesh_distance.h"
+
+namespace knead {
+
+struct SearchableMesh {
+  std::shared_ptr<const MeshDistance> distance;
+};
+template <>
+struct PortTraits<SearchableMesh> {
+  static constexpr const char* name = "SearchableMesh";
+  template <class F>
+  static void each_buffer(SearchableMesh&, F&&) {}
+};
+
+inline Value searchable_mesh(Context& context, const Surface& mesh) {
+  const std::span<const uint32_t> triangles = mesh.topology->triangles;
+  Hasher key;
+  key.add("searchable_mesh").add(mesh.points.id()).bytes(triangles.data(), triangles.size_bytes());
+  return context.once(key.key(),
+                      [&] { return Value::of(SearchableMesh{std::make_shared<MeshDistance>(mesh.points.host(), triangles, &context.executor())}); });
+}
+
+// Of a collider whose triangles are known; else null.
+inline std::shared_ptr<const MeshDistance> searchable_mesh(Context& context, const Sdf& collider) {
+  if (collider.distance || !collider.mesh) return collider.distance;
+  return searchable_mesh(context, *collider.mesh).as<SearchableMesh>().distance;
+}
+
+}  // namespace knead

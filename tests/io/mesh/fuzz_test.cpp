@@ -1,0 +1,113 @@
+// Damaged files, made from good ones: each is read or refused with a knead::Error that names the file, and what is read is sound.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "tests/io/mesh/mesh_test_tools.h"
+
+namespace mesh_fuzz_test {
+
+namespace tools = mesh_test_tools;
+using knead::Error;
+using knead::Surface;
+
+struct Sample {
+  std::string name, bytes;
+};
+
+std::vector<Sample> samples() {
+  const Surface plain = tools::wavy_tube(6, 4), decorated = tools::decorated_tube(true);
+  return {{"a.obj", tools::format("a.obj", plain)},
+          {"b.obj", tools::format("b.obj", decorated)},
+          {"a.ply", tools::format("a.ply", plain)},
+          {"b.ply", tools::format("b.ply", decorated)},
+          {"c.ply", tools::format("c.ply", decorated, {.ascii = true})},
+          {"a.stl", tools::format("a.stl", plain)},
+          {"b.stl", tools::format("b.stl", plain, {.ascii = true})},
+          {"a.off", "COFF\n4 4 0\n0 0 0 1 0 0 1\n1 0 0 0 1 0 1\n0 1 0 0 0 1 1\n0 0 1 1 1 1 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"}};
+}
+
+// True when the bytes were refused.
+bool read_or_refuse(const std::string& bytes, const std::string& name) {
+  std::vector<std::string> warnings;
+  try {
+    const Surface s = knead::parse_surface(bytes, name, {}, warnings);
+    for (const knead::Vec3f& p : s.points.host()) EXPECT_TRUE(std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z));
+    for (uint32_t v : s.topology->face_vertices) EXPECT_LT(v, s.vertices());
+    for (uint32_t v : s.topology->triangles) EXPECT_LT(v, s.vertices());
+    EXPECT_GT(s.topology->triangle_count(), 0u);
+    const knead::MeshAttributes& a = *s.attributes;
+    EXPECT_TRUE(a.vertex_colours.empty() || a.vertex_colours.size() == s.vertices());
+    for (const auto* per_corner : {&a.corner_texture, &a.corner_normal})
+      EXPECT_TRUE(per_corner->empty() || per_corner->size() == s.topology->corners());
+    for (int32_t i : a.corner_texture) EXPECT_LT(i, static_cast<int32_t>(a.texture_coordinates.size()));
+    for (int32_t i : a.corner_normal) EXPECT_LT(i, static_cast<int32_t>(a.normals.size()));
+    for (const auto* per_face : {&a.face_group, &a.face_object, &a.face_material})
+      EXPECT_TRUE(per_face->empty() || per_face->size() == s.topology->faces());
+    knead::describe_problems(s);
+    for (const char* again : {"again.obj", "again.ply", "again.stl"}) tools::format(again, s);
+    return false;
+  } catch (const Error& error) {
+    EXPECT_EQ(error.where().file, name) << error.what();
+    EXPECT_FALSE(error.message().empty());
+    EXPECT_TRUE(error.code() == knead::ErrorCode::kFile || error.code() == knead::ErrorCode::kInput) << error.what();
+    return true;
+  }
+}
+
+TEST(MeshFuzz, TheSamplesAreGood) {
+  for (const Sample& sample : samples()) EXPECT_FALSE(read_or_refuse(sample.bytes, sample.name)) << sample.name;
+}
+
+TEST(MeshFuzz, CutFilesAreReadOrRefused) {
+  for (const Sample& sample : samples()) {
+    size_t refused = 0, tried = 0;
+    for (size_t bytes = 0; bytes < sample.bytes.size(); bytes += 97, ++tried) refused += read_or_refuse(sample.bytes.substr(0, bytes), sample.name);
+    // OBJ and OFF have no end; a cut between two lines is a smaller mesh. The others know their length.
+    if (sample.name.ends_with(".ply") || sample.name.ends_with(".stl")) {
+      EXPECT_EQ(refused, tried) << sample.name;
+    }
+  }
+}
+
+TEST(MeshFuzz, MutatedFilesAreReadOrRefused) {
+  static const char* const kWords[] = {"nan",  "-1", "0",          "99999999", "1e308", "\n",    " ",    "-",       "/",
+                                       "\\\n", "#",  "4294967296", "1e-320",   "\r",    "f 1 2", "list", "\x00\xff"};
+  std::mt19937 random(20240601);
+  const auto below = [&](size_t n) { return n ? random() % n : 0; };
+  size_t refused = 0, tried = 0;
+  for (const Sample& sample : samples())
+    for (int round = 0; round < 120; ++round, ++tried) {
+      std::string bytes = sample.bytes;
+      for (size_t changes = 1 + below(4); changes > 0; --changes) {
+        const size_t at = below(bytes.size());
+        // Half of the damage hits the beginning, where the headers are.
+        const size_t place = below(2) ? at : below(std::min<size_t>(bytes.size(), 250));
+        switch (below(5)) {
+          case 0: bytes[place] = static_cast<char>(random()); break;
+          case 1: bytes[place] = static_cast<char>(bytes[place] ^ (1 << below(8))); break;
+          case 2: bytes.erase(place, 1 + below(20)); break;
+          case 3: bytes.insert(place, kWords[below(std::size(kWords))]); break;
+          default: bytes.insert(place, bytes.substr(at, below(40))); break;
+        }
+        if (bytes.empty()) bytes = "x";
+      }
+      SCOPED_TRACE(sample.name + " round " + std::to_string(round));
+      refused += read_or_refuse(bytes, sample.name);
+    }
+  EXPECT_GT(refused, tried / 4);
+  EXPECT_LT(refused, tried);
+}
+
+TEST(MeshFuzz, NoiseIsRefused) {
+  std::mt19937 random(5);
+  for (const char* name : {"n.obj", "n.ply", "n.stl", "n.off"})
+    for (size_t size = 1; size < 4000; size += 131) {
+      std::string bytes(size, ' ');
+      for (char& c : bytes) c = static_cast<char>(random());
+      EXPECT_TRUE(read_or_refuse(bytes, name));
+    }
+}
+
+}  // namespace mesh_fuzz_test
