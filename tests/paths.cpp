@@ -1,7 +1,5 @@
 #include "tests/paths.h"
 
-namespace knead {
-
 std::string source_dir() {
   return KNEAD_SOURCE_DIR;
 }
@@ -11,5 +9,3 @@ std::string binary_dir() {
 std::string shared_data() {
   return KNEAD_SHARED_DATA;
 }
-
-}  // namespace knead

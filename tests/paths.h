@@ -2,10 +2,6 @@
 #pragma once
 #include <string>
 
-namespace knead {
-
 std::string source_dir();   // the source tree
 std::string binary_dir();   // the build
 std::string shared_data();  // meshes beside the checkout; tests that need them skip when they are absent
-
-}  // namespace knead

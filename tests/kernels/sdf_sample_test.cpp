@@ -12,6 +12,7 @@ namespace {
 
 using knead::SdfSampler;
 using knead::SdfView;
+using knead::Vec3d;
 using knead::Vec3f;
 
 // A sphere of radius 12.3 voxels with a band of 4 on both sides.
