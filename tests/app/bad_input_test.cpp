@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "tests/app/program.h"
+#include "tests/bad_meshes.h"
 #include "tests/paths.h"
 
 namespace program_test {
@@ -96,7 +97,7 @@ TEST_F(BadInput, MissingUnreadableAndForeignFiles) {
   if (::access((folder_ / "locked.obj").c_str(), R_OK) != 0) fails({"body.path=locked.obj"}, 2, {"permission denied"});
 }
 
-TEST_F(BadInput, DamagedFilesOfTheSharedData) {
+TEST_F(BadInput, DamagedFilesOfEveryKind) {
   const std::vector<std::pair<std::string, std::string>> files = {{"truncated_binary.ply", "more than the file holds"},
                                                                   {"truncated_binary.stl", "cut short"},
                                                                   {"index_out_of_range.obj", "vertex 99"},
@@ -109,10 +110,10 @@ TEST_F(BadInput, DamagedFilesOfTheSharedData) {
                                                                   {"header_only.ply", "cannot hold them"},
                                                                   {"ply_missing_end_header.ply", "end_header"},
                                                                   {"not_a_mesh.ply", "no PLY file"}};
-  if (!fs::exists(shared("malformed"))) GTEST_SKIP() << "no shared data";
-  for (const auto& [name, said] : files) fails({"body.path=" + shared("malformed/" + name)}, 2, {name, "node 'body'", said});
-  fails({"body.path=" + shared("problem/nan_vertex.obj")}, 2, {"no finite number", "vertex 101 (line 103)"});
-  fails({"body.path=" + shared("problem/inf_vertex.obj")}, 2, {"no finite number", "vertex 101 (line 103)"});
+  bad_meshes::write_all(folder_);
+  for (const auto& [name, said] : files) fails({"body.path=malformed/" + name}, 2, {name, "node 'body'", said});
+  fails({"body.path=problem/nan_vertex.obj"}, 2, {"no finite number", "vertex 101 (line 103)"});
+  fails({"body.path=problem/inf_vertex.obj"}, 2, {"no finite number", "vertex 101 (line 103)"});
 }
 
 TEST_F(BadInput, DamagedFilesMadeHere) {
@@ -139,10 +140,13 @@ TEST_F(BadInput, DamagedFilesMadeHere) {
 }
 
 TEST_F(BadInput, BrokenSurfacesDeformWithAWarning) {
-  if (!fs::exists(shared("problem"))) GTEST_SKIP() << "no shared data";
+  bad_meshes::write_all(folder_);
+  if (fs::exists(shared("problem")))
+    for (const char* name : bad_meshes::kSharedProblems) fs::copy_file(shared("problem/") + name, folder_ / "problem" / name);
   const auto problem = [&](const std::string& name, const std::vector<std::string>& said) {
+    if (!fs::exists(folder_ / "problem" / name)) return;  // beside the checkout
     // The ball goes to the top of the body, wherever and however large that is.
-    std::ifstream in(shared("problem/" + name));
+    std::ifstream in(folder_ / "problem" / name);
     double top = -1e300, low = 1e300, x = 0, z = 0;
     for (std::string word; in >> word; in.ignore(100000, '\n'))
       if (double a, b, c; word == "v" && in >> a >> b >> c) {
@@ -156,12 +160,12 @@ TEST_F(BadInput, BrokenSurfacesDeformWithAWarning) {
       out << v;
       return out.str();
     };
-    warns({"body.path=" + shared("problem/" + name), "ball.radius=" + text(0.2 * size),
+    warns({"body.path=problem/" + name, "ball.radius=" + text(0.2 * size),
            "motion.translate=[" + text(x) + ", " + text(top + 0.15 * size) + ", " + text(z) + "]"},
           said);
     EXPECT_GT(stats().at(0).at("displacement_max"), 0) << name;
   };
-  problem("open_boundary.obj", {"open: 70 boundary edges"});
+  problem("open_boundary.obj", {"open: " + std::to_string(bad_meshes::boundary_edges(bad_meshes::open_boundary())) + " boundary edges"});
   problem("nonmanifold_edge.obj", {"non-manifold: 7 edges"});
   problem("nonmanifold_vertex.obj", {"non-manifold: 1 vertex"});
   problem("self_intersecting.obj", {"self-intersecting: 168 pairs"});

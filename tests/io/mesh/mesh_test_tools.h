@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -29,6 +30,12 @@ inline Surface parse(const std::string& bytes, const std::string& name, const kn
 inline std::string format(const std::string& name, const Surface& surface, const knead::WriteMeshOptions& options = {}) {
   std::vector<std::string> notes;
   return knead::format_surface(name, surface, options, notes);
+}
+
+inline std::string short_text(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.4g", value);
+  return text;
 }
 
 inline double volume_of(const Surface& surface) {
