@@ -6,7 +6,7 @@ install(TARGETS knead EXPORT kneadTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LI
 install(EXPORT kneadTargets NAMESPACE knead:: DESTINATION ${KNEAD_CONFIG_DIR})
 
 file(GLOB graph_headers CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/graph/*.h)
-list(FILTER graph_headers EXCLUDE REGEX "/(iterate|plan_values|loop|device_executor)\\.h$") # the compiler's and the evaluator's own
+list(FILTER graph_headers EXCLUDE REGEX "/(iterate|frame_context|plan_values|loop|device_executor)\\.h$") # the compiler's and the evaluator's own
 install(FILES ${graph_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/graph)
 foreach(header vec port_types neighbour_table parallel)
   install(FILES kernels/${header}.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/knead/kernels)

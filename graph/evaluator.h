@@ -61,9 +61,10 @@ class Evaluator {
   // of the caller (an unknown reference); what goes wrong in the frame comes back in `error`.
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
-  // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does not depend on the frame
-  // is computed first, once, and so are the first frame's nodes that make what all share; their times are in the first frame's result. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the
-  // others; cancellation does: frames not finished are not reported.
+  // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does not
+  // depend on the frame is computed first, once, and so are the first frame's nodes that make what all share; their times are in the first frame's
+  // result. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the others;
+  // cancellation does: frames not finished are not reported.
   void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                        const std::function<void(FrameResult)>& done);
 

@@ -1,6 +1,7 @@
 // A type-erased, shared, immutable value that travels between ports.
 //
-// A type becomes a port type by specialising PortTraits<T> (see kernels/port_types.h for Knead's own, tests/graph for toys):
+// A type becomes a port type by specialising PortTraits<T> (see kernels/port_types.h for Knead's own, tests/graph for toys, graph/opaque_value.h for
+// what no port carries):
 //   static constexpr const char* name;                              "Surface"
 //   template <class F> static void each_buffer(T&, F&& f);          calls f(Buffer<U>&) on every buffer that a device transfer must move
 //   and optionally

@@ -4,27 +4,23 @@
 #include <chrono>
 #include <cmath>
 
+#include "graph/opaque_value.h"
 #include "graph/registry.h"
 
 namespace knead {
+namespace {
 
 // What the frames share: H about M's own space, and what had to be said about it.
 struct BuildResult {
+  static constexpr const char* kOpaqueName = "BuildResult";
   BuiltTets build;
   std::vector<std::string> warnings;
   double milliseconds = 0;
-};
-template <>
-struct PortTraits<BuildResult> {
-  static constexpr const char* name = "BuildResult";
-  template <class F>
-  static void each_buffer(BuildResult& v, F&& f) {
-    PortTraits<TetMesh>::each_buffer(v.build.tets, f);
-    PortTraits<Lattice>::each_buffer(v.build.lattice, f);
+  void each_buffer(auto&& f) {
+    PortTraits<TetMesh>::each_buffer(build.tets, f);
+    PortTraits<Lattice>::each_buffer(build.lattice, f);
   }
 };
-
-namespace {
 
 const char* const kManual = R"(The helper tet mesh H that embeds the soft surface M, and the lattice that ties M to it.
 

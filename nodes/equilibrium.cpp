@@ -1,58 +1,37 @@
 #include "kernels/equilibrium/equilibrium.h"
 
+#include "graph/opaque_value.h"
 #include "graph/registry.h"
 #include "kernels/equilibrium/mesh_transfer.h"
 #include "kernels/loop/lattice_map.h"
 
 namespace knead {
+namespace {
 
 // What the frames share: the tables and the metric of one rest shape.
 struct PreparedRest {
+  static constexpr const char* kOpaqueName = "PreparedRest";
   std::shared_ptr<const EquilibriumRest> rest;
-};
-template <>
-struct PortTraits<PreparedRest> {
-  static constexpr const char* name = "PreparedRest";
-  template <class F>
-  static void each_buffer(PreparedRest&, F&&) {}
 };
 
 // How displacements get from one H to another: shared by the frames too.
 struct PreparedTransfer {
+  static constexpr const char* kOpaqueName = "PreparedTransfer";
   std::shared_ptr<const MeshTransfer> table;
-};
-template <>
-struct PortTraits<PreparedTransfer> {
-  static constexpr const char* name = "PreparedTransfer";
-  template <class F>
-  static void each_buffer(PreparedTransfer&, F&&) {}
 };
 
 // What M at rest is, whichever handle it comes by: one that the cache had no room for is another buffer when it is made again.
 struct Contents {
+  static constexpr const char* kOpaqueName = "Contents";
   Key key;
-};
-template <>
-struct PortTraits<Contents> {
-  static constexpr const char* name = "Contents";
-  template <class F>
-  static void each_buffer(Contents&, F&&) {}
 };
 
 // A field that is on a device, where the host can read it.
 struct FieldOnHost {
+  static constexpr const char* kOpaqueName = "FieldOnHost";
   Buffer<std::byte> grid;
+  void each_buffer(auto&& f) { f(grid); }
 };
-template <>
-struct PortTraits<FieldOnHost> {
-  static constexpr const char* name = "FieldOnHost";
-  template <class F>
-  static void each_buffer(FieldOnHost& v, F&& f) {
-    f(v.grid);
-  }
-};
-
-namespace {
 
 const char* const kManual =
     R"(The shape in which a soft body comes to rest against hard colliders: the minimum of one energy over H (method.md 4). Takes the place of the loop.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "graph/opaque_value.h"
 #include "graph/registry.h"
 #include "io/vdb/vdb.h"
 #include "kernels/port_types.h"
@@ -11,22 +12,15 @@
 #include "kernels/surface/principal_frame.h"
 
 namespace knead {
+namespace {
 
 // What the frames share: the field along the collider's own axes, and what had to be said about it.
 struct SolidField {
+  static constexpr const char* kOpaqueName = "SolidField";
   Sdf sdf;  // its placement: to the collider's local space
   std::vector<std::string> warnings;
+  void each_buffer(auto&& f) { f(sdf.grid); }
 };
-template <>
-struct PortTraits<SolidField> {
-  static constexpr const char* name = "SolidField";
-  template <class F>
-  static void each_buffer(SolidField& v, F&& f) {
-    f(v.sdf.grid);
-  }
-};
-
-namespace {
 
 const char* const kManual = R"(A collider mesh as a signed distance field: negative inside, in world units, exact at the voxels.
 

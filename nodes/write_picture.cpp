@@ -7,7 +7,7 @@
 #include "io/files.h"
 #include "io/picture/picture.h"
 #include "kernels/parallel.h"
-#include "kernels/surface/mesh_distance.h"
+#include "kernels/surface/searchable_mesh.h"
 
 namespace knead {
 
@@ -28,11 +28,6 @@ Coloured pictures carry a scale bar over `range` [low, high]; without one, over 
 low-discrepancy and the same for any number of threads, so a picture is the same bytes again. `samples` are the rays of a pixel on an edge; a quarter
 of them gather light and soft shadow elsewhere. The file appears whole or not at all.)";
 
-// What finds a collider's depth, kept over frames in which it only moves.
-struct ColliderDepth {
-  std::shared_ptr<const MeshDistance> distance;
-};
-
 [[noreturn]] void refuse(const char* member, const std::string& message, const std::string& hint) {
   Where where;
   where.member = member;
@@ -48,17 +43,6 @@ std::vector<double> numbers_of(const Literal& literal, size_t count, const char*
     refuse(member, "expected " + std::to_string(count) + " numbers, found " + literal.text(), hint);
   return numbers;
 }
-
-}  // namespace
-
-template <>
-struct PortTraits<ColliderDepth> {
-  static constexpr const char* name = "ColliderDepth";
-  template <class F>
-  static void each_buffer(ColliderDepth&, F&&) {}
-};
-
-namespace {
 
 class WritePicture : public Node {
  public:
@@ -186,12 +170,9 @@ class WritePicture : public Node {
   }
 
   static void add_depths(Context& context, const Surface& body, const Surface& collider, double per_diagonal, std::vector<float>& shown) {
-    const std::vector<uint32_t>& triangles = collider.topology->triangles;
-    if (triangles.empty()) return;
-    const Key key = Hasher().add("write_picture depth").add(collider.points.id()).bytes(triangles.data(), triangles.size() * sizeof(uint32_t)).key();
-    const Value made = context.once(
-        key, [&] { return Value::of<ColliderDepth>({std::make_shared<MeshDistance>(collider.points.host(), triangles, &context.executor())}); });
-    const MeshDistance& solid = *made.as<ColliderDepth>().distance;
+    if (collider.topology->triangles.empty()) return;
+    const Value made = searchable_mesh(context, collider);  // kept over frames in which the collider only moves
+    const MeshDistance& solid = *made.as<SearchableMesh>().distance;
     const Similarity to_collider = collider.placement.inverse() * body.placement;
     const auto points = body.points.host();
     const Vec3d lower = solid.lower(), upper = solid.upper();

@@ -4,19 +4,15 @@
 #include <span>
 
 #include "graph/node.h"
+#include "graph/opaque_value.h"
 #include "kernels/port_types.h"
 #include "kernels/surface/mesh_distance.h"
 
 namespace knead {
 
 struct SearchableMesh {
+  static constexpr const char* kOpaqueName = "SearchableMesh";
   std::shared_ptr<const MeshDistance> distance;
-};
-template <>
-struct PortTraits<SearchableMesh> {
-  static constexpr const char* name = "SearchableMesh";
-  template <class F>
-  static void each_buffer(SearchableMesh&, F&&) {}
 };
 
 inline Value searchable_mesh(Context& context, const Surface& mesh) {
