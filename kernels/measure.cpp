@@ -12,6 +12,7 @@
 #include "kernels/parallel.h"
 #include "kernels/sdf_sample.h"
 #include "kernels/surface/mesh_distance.h"
+#include "kernels/surface/volume.h"
 
 namespace knead {
 namespace {
@@ -110,11 +111,7 @@ Penetration measure_penetration(Executor& executor, const Surface& surface, cons
 double signed_volume(Executor& executor, std::span<const Vec3f> points, std::span<const uint32_t> triangles) {
   if (triangles.empty()) return 0;
   const Vec3d origin = to_double(points[triangles[0]]);
-  return reduce_sum(executor, triangles.size() / 3, "signed_volume", [&](uint32_t t) {
-    const Vec3d a = to_double(points[triangles[3 * t]]) - origin, b = to_double(points[triangles[3 * t + 1]]) - origin,
-                c = to_double(points[triangles[3 * t + 2]]) - origin;
-    return dot(a, cross(b, c)) / 6;
-  });
+  return reduce_sum(executor, triangles.size() / 3, "signed_volume", [&](uint32_t t) { return volume_part(points, &triangles[3 * t], origin); });
 }
 
 double largest_displacement(Executor& executor, const Surface& before, const Surface& after) {

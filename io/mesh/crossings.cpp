@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "io/mesh/raw_mesh.h"
+#include "kernels/surface/weld.h"
 
 namespace knead::mesh {
 

@@ -2,27 +2,20 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <numeric>
-#include <tuple>
 #include <utility>
 
 #include "io/mesh/crossings.h"
 #include "io/mesh/raw_mesh.h"
 #include "kernels/surface/disjoint_sets.h"
+#include "kernels/surface/edges.h"
+#include "kernels/surface/volume.h"
+#include "kernels/surface/weld.h"
 
 namespace knead {
 
 using mesh::counted;
 
 namespace {
-
-// A polygon's edge as seen from its smaller end.
-struct HalfEdge {
-  uint32_t other;       // the larger end
-  uint32_t low_corner;  // the polygon's corner at the smaller end, and at the larger one
-  uint32_t high_corner;
-  bool forward;  // runs from the smaller end to the larger
-};
 
 struct Findings {
   size_t boundary_edges = 0, crowded_edges = 0, disagreeing_edges = 0, pinched_vertices = 0, pieces = 0, inverted_pieces = 0, duplicates = 0;
@@ -37,51 +30,35 @@ bool is_collapsed(const MeshTopology& topology, size_t face) {
   return v[0] == v[1] || v[1] == v[2] || v[2] == v[0];
 }
 
-// All half-edges, grouped by their smaller end: starts[v] to starts[v + 1].
-std::vector<HalfEdge> half_edges(const MeshTopology& topology, size_t vertices, std::vector<uint32_t>& starts) {
-  const auto each = [&](auto&& f) {
-    for (size_t face = 0; face < topology.faces(); ++face) {
-      if (is_collapsed(topology, face)) continue;
-      const uint32_t first = topology.face_offsets[face], last = topology.face_offsets[face + 1];
-      for (uint32_t c = first; c < last; ++c) {
-        const uint32_t d = c + 1 == last ? first : c + 1;
-        const uint32_t a = topology.face_vertices[c], b = topology.face_vertices[d];
-        if (a < b) f(a, HalfEdge{b, c, d, true});
-        if (b < a) f(b, HalfEdge{a, d, c, false});
-      }
-    }
-  };
-  starts.assign(vertices + 1, 0);
-  each([&](uint32_t low, const HalfEdge&) { ++starts[low + 1]; });
-  std::partial_sum(starts.begin(), starts.end(), starts.begin());
-  std::vector<HalfEdge> edges(starts.back());
-  std::vector<uint32_t> filled(starts.begin(), starts.end() - 1);
-  each([&](uint32_t low, const HalfEdge& e) { edges[filled[low]++] = e; });
-  return edges;
+EdgeUses edge_uses(const MeshTopology& topology, size_t vertices) {
+  return EdgeUses(
+      vertices,
+      [&](auto&& walk) {
+        for (size_t face = 0; face < topology.faces(); ++face) {
+          if (is_collapsed(topology, face)) continue;
+          const uint32_t first = topology.face_offsets[face], last = topology.face_offsets[face + 1];
+          for (uint32_t c = first; c < last; ++c) {
+            const uint32_t next = c + 1 == last ? first : c + 1;
+            walk(topology.face_vertices[c], topology.face_vertices[next], c, next);
+          }
+        }
+      },
+      nullptr);
 }
 
 void examine_edges(const MeshTopology& topology, size_t vertices, Findings& found) {
-  std::vector<uint32_t> starts;
-  std::vector<HalfEdge> edges = half_edges(topology, vertices, starts);
   DisjointSets fans(topology.corners());
-  for (size_t v = 0; v < vertices; ++v) {
-    const auto first = edges.begin() + starts[v], last = edges.begin() + starts[v + 1];
-    std::sort(first, last, [](const HalfEdge& a, const HalfEdge& b) { return std::tie(a.other, a.low_corner) < std::tie(b.other, b.low_corner); });
-    for (auto it = first; it != last;) {
-      auto end = it;
-      size_t forward = 0;
-      for (; end != last && end->other == it->other; ++end) {
-        forward += end->forward;
-        fans.join(it->low_corner, end->low_corner);
-        fans.join(it->high_corner, end->high_corner);
-      }
-      const auto count = static_cast<size_t>(end - it);
-      found.boundary_edges += count == 1;
-      found.crowded_edges += count > 2;
-      found.disagreeing_edges += count == 2 && forward != 1;
-      it = end;
+  edge_uses(topology, vertices).each_edge([&](uint32_t, std::span<const EdgeUse> uses) {
+    const auto low = [](const EdgeUse& use) { return use.forward ? use.corner : use.next; };
+    const auto high = [](const EdgeUse& use) { return use.forward ? use.next : use.corner; };
+    for (const EdgeUse& use : uses) {
+      fans.join(low(uses[0]), low(use));
+      fans.join(high(uses[0]), high(use));
     }
-  }
+    found.boundary_edges += uses.size() == 1;
+    found.crowded_edges += uses.size() > 2;
+    found.disagreeing_edges += uses.size() == 2 && net_use(uses) != 0;
+  });
   std::vector<uint8_t> fans_at(vertices, 0);
   for (size_t face = 0; face < topology.faces(); ++face) {
     if (is_collapsed(topology, face)) continue;
@@ -101,7 +78,7 @@ void examine_pieces(const Surface& surface, Findings& found) {
   std::vector<double> volumes(points.size(), 0);
   for (size_t t = 0; t < topology.triangle_count(); ++t) {
     const uint32_t* v = &topology.triangles[3 * t];
-    const double volume = dot(to_double(points[v[0]]) - centre, cross(to_double(points[v[1]]) - centre, to_double(points[v[2]]) - centre)) / 6;
+    const double volume = volume_part(points, v, centre);
     volumes[pieces.find(v[0])] += volume;
     found.volume += volume;
   }
@@ -117,7 +94,7 @@ void examine_pieces(const Surface& surface, Findings& found) {
 }
 
 size_t count_duplicates(std::span<const Vec3f> points) {
-  const std::vector<uint32_t> first = mesh::first_at_same_place(points);
+  const std::vector<uint32_t> first = first_at_same_place(points);
   size_t duplicates = 0;
   for (size_t i = 0; i < first.size(); ++i) duplicates += first[i] != i;
   return duplicates;

@@ -106,9 +106,6 @@ class TextWriter {
   int precision_;
 };
 
-// For each vertex the first one at exactly its place; zero is zero, whatever its sign.
-std::vector<uint32_t> first_at_same_place(std::span<const Vec3f> points);
-
 // Replaces attribute values that are not finite (or do not fit a float) by zero and counts them; positions are refused instead.
 class AttributeNumbers {
  public:

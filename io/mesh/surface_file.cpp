@@ -1,12 +1,12 @@
 // From a parsed file to a Surface, and the choice of format.
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 
 #include "graph/hash.h"
 #include "io/mesh/raw_mesh.h"
 #include "io/mesh/triangulate.h"
+#include "kernels/surface/weld.h"
 
 namespace knead {
 
@@ -68,7 +68,7 @@ Vec3d stable_offset(std::span<const Vec3d> points, const std::vector<uint8_t>& u
 
 // Joins vertices at the same place; the first of them stays, so the order of the rest does too.
 void weld_vertices(std::vector<Vec3f>& points, RawMesh& raw) {
-  std::vector<uint32_t> renumbered = first_at_same_place(points);
+  std::vector<uint32_t> renumbered = first_at_same_place(std::span<const Vec3f>(points));
   std::vector<std::array<float, 4>>& colours = raw.attributes.vertex_colours;
   uint32_t kept = 0;
   for (size_t i = 0; i < points.size(); ++i) {
@@ -151,26 +151,6 @@ void check_before_writing(const std::string& name, const Surface& surface) {
 }
 
 }  // namespace
-
-std::vector<uint32_t> mesh::first_at_same_place(std::span<const Vec3f> points) {
-  size_t slots = 16;
-  while (slots < 2 * points.size()) slots *= 2;
-  std::vector<uint32_t> table(slots, UINT32_MAX), first(points.size());
-  for (uint32_t i = 0; i < points.size(); ++i) {
-    const Vec3f p = points[i];
-    uint64_t hash = 0;
-    for (int k = 0; k < 3; ++k) {
-      hash = (hash ^ std::bit_cast<uint32_t>(p[k] + 0.0f)) * 0x9e3779b97f4a7c15ull;
-      hash ^= hash >> 29;
-    }
-    size_t slot = hash & (slots - 1);
-    while (table[slot] != UINT32_MAX && !(points[table[slot]].x == p.x && points[table[slot]].y == p.y && points[table[slot]].z == p.z))
-      slot = (slot + 1) & (slots - 1);
-    if (table[slot] == UINT32_MAX) table[slot] = i;
-    first[i] = table[slot];
-  }
-  return first;
-}
 
 Surface make_surface(std::span<const Vec3d> points_world, MeshTopology polygons, MeshAttributes attributes, const ReadMeshOptions& options,
                      const std::string& name, std::vector<std::string>& warnings) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
 
 #include "kernels/surface/triangle_box.h"
 
@@ -13,17 +12,8 @@ bool CellMaterial::in_cell(const Vec3d& p) const {
   return std::abs(p.x - centre_.x) <= reach && std::abs(p.y - centre_.y) <= reach && std::abs(p.z - centre_.z) <= reach;
 }
 
-uint32_t CellMaterial::root(uint32_t place) {
-  while (parent_[place] != place) place = parent_[place] = parent_[parent_[place]];
-  return place;
-}
-
 void CellMaterial::join(uint32_t a, uint32_t b) {
-  a = root(a);
-  b = root(b);
-  if (a == b) return;
-  parent_[std::max(a, b)] = std::min(a, b);
-  --sets_;
+  count_ -= sets_.join(a, b);
 }
 
 void CellMaterial::join_over_vertices(std::span<const uint32_t> triangles) {
@@ -50,7 +40,7 @@ void CellMaterial::join_over_edges(std::span<const uint32_t> triangles) {
   std::sort(keyed_.begin(), keyed_.end());
   const double reach = half_ + kTouchSlack;
   for (size_t i = 1; i < keyed_.size(); ++i) {
-    if (keyed_[i].first != keyed_[i - 1].first || root(keyed_[i].second) == root(keyed_[i - 1].second)) continue;
+    if (keyed_[i].first != keyed_[i - 1].first || sets_.find(keyed_[i].second) == sets_.find(keyed_[i - 1].second)) continue;
     const Vec3d &a = body_.points[keyed_[i].first >> 32], &b = body_.points[keyed_[i].first & UINT32_MAX];
     if (triangle_touches_box(a, b, b, centre_, {reach, reach, reach})) join(keyed_[i].second, keyed_[i - 1].second);
   }
@@ -119,18 +109,18 @@ void CellMaterial::join_through_inside(std::span<const uint32_t> triangles) {
   for (uint32_t i = 0; i < triangles.size(); ++i) {
     double area = 0;
     const Vec3d at = place_on(triangles[i], area);
-    Place& place = places[root(i)];
+    Place& place = places[sets_.find(i)];
     if (area > place.area) place = {i, area, at};
   }
   std::erase_if(places, [](const Place& place) { return place.area < 0; });
-  for (size_t patch = 1; patch < places.size() && sets_ > 1; ++patch) {
+  for (size_t patch = 1; patch < places.size() && count_ > 1; ++patch) {
     const Vec3d from = places[0].at, to = places[patch].at;
     cross(triangles, from, to);
     crossings_.insert(crossings_.begin(), {0.0, places[0].triangle});
     crossings_.push_back({1.0, places[patch].triangle});
     for (size_t i = 1; i < crossings_.size(); ++i) {
       const Crossing &a = crossings_[i - 1], &b = crossings_[i];
-      if (root(a.place) == root(b.place)) continue;
+      if (sets_.find(a.place) == sets_.find(b.place)) continue;
       const bool together = (b.t - a.t) * length(to - from) <= 10 * kTouchSlack;
       if (together || is_inside(winding_, from + 0.5 * (a.t + b.t) * (to - from))) join(a.place, b.place);
     }
@@ -142,14 +132,13 @@ uint32_t CellMaterial::pieces(const OctreeNode& cell, std::span<const uint32_t> 
   if (triangles.size() <= 1) return 1;
   centre_ = cell.centre();
   half_ = 0.5 * cell.size();
-  parent_.resize(triangles.size());
-  std::iota(parent_.begin(), parent_.end(), 0u);
-  sets_ = triangles.size();
+  sets_.reset(triangles.size());
+  count_ = triangles.size();
   join_over_vertices(triangles);
-  if (sets_ > 1) join_over_edges(triangles);
-  if (sets_ > most_patches) return 1;
-  if (sets_ > 1) join_through_inside(triangles);
-  if (sets_ == 1) return 1;
+  if (count_ > 1) join_over_edges(triangles);
+  if (count_ > most_patches) return 1;
+  if (count_ > 1) join_through_inside(triangles);
+  if (count_ == 1) return 1;
   return number_pieces(triangles, piece);
 }
 
@@ -159,16 +148,17 @@ uint32_t CellMaterial::number_pieces(std::span<const uint32_t> triangles, std::v
   for (uint32_t i = 0; i < triangles.size(); ++i) {
     double along = 0;
     for (size_t k = 0; k < 3; ++k) along += dot(body_.points[body_.triangles[3 * size_t{triangles[i]} + k]], Vec3d{0.6180, 0.5437, 0.5671});
-    const auto known = std::find_if(first.begin(), first.end(), [&](const auto& f) { return f.second == root(i); });
+    const auto known = std::find_if(first.begin(), first.end(), [&](const auto& f) { return f.second == sets_.find(i); });
     if (known == first.end()) {
-      first.emplace_back(along, root(i));
+      first.emplace_back(along, sets_.find(i));
     } else {
       known->first = std::min(known->first, along);
     }
   }
   std::sort(first.begin(), first.end());
   for (uint32_t i = 0; i < triangles.size(); ++i)
-    piece[i] = static_cast<uint32_t>(std::find_if(first.begin(), first.end(), [&](const auto& f) { return f.second == root(i); }) - first.begin());
+    piece[i] =
+        static_cast<uint32_t>(std::find_if(first.begin(), first.end(), [&](const auto& f) { return f.second == sets_.find(i); }) - first.begin());
   return static_cast<uint32_t>(first.size());
 }
 

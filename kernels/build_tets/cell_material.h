@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "kernels/build_tets/cells.h"
+#include "kernels/surface/disjoint_sets.h"
 
 namespace knead {
 
@@ -33,15 +34,14 @@ class CellMaterial {
   Vec3d place_on(uint32_t triangle, double& area) const;
   void cross(std::span<const uint32_t> triangles, const Vec3d& from, const Vec3d& to);
   bool in_cell(const Vec3d& p) const;
-  uint32_t root(uint32_t place);
   void join(uint32_t a, uint32_t b);
 
   const SoftBody& body_;
   const WindingNumber& winding_;
   Vec3d centre_{0, 0, 0};
   double half_ = 0;
-  size_t sets_ = 0;
-  std::vector<uint32_t> parent_;
+  DisjointSets sets_;  // of the places in the list of triangles
+  size_t count_ = 0;
   std::vector<std::pair<uint64_t, uint32_t>> keyed_;
   std::vector<Crossing> crossings_;
 };

@@ -3,29 +3,6 @@
 #include <algorithm>
 
 namespace knead {
-namespace {
-
-uint64_t spread(uint64_t v) {  // every bit of v to every third bit
-  v &= 0x1fffff;
-  v = (v | v << 32) & 0x1f00000000ffffull;
-  v = (v | v << 16) & 0x1f0000ff0000ffull;
-  v = (v | v << 8) & 0x100f00f00f00f00full;
-  v = (v | v << 4) & 0x10c30c30c30c30c3ull;
-  return (v | v << 2) & 0x1249249249249249ull;
-}
-
-}  // namespace
-
-uint64_t morton_key(uint32_t x, uint32_t y, uint32_t z) {
-  return spread(x) | spread(y) << 1 | spread(z) << 2;
-}
-
-uint64_t morton_key(const Vec3d& unit) {
-  constexpr double kSide = 1 << kMortonBits;
-  const auto cell = [](double u) { return static_cast<uint32_t>(std::clamp(u * kSide, 0.0, kSide - 1)); };
-  return morton_key(cell(unit.x), cell(unit.y), cell(unit.z));
-}
-
 Octree::Octree(std::span<const uint64_t> sorted_keys, int min_depth, int max_depth, uint32_t max_points) {
   inner_by_level_.resize(static_cast<size_t>(max_depth) + 1);
   nodes_.push_back({0, 0, 0, 0});

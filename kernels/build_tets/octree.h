@@ -5,14 +5,10 @@
 #include <span>
 #include <vector>
 
+#include "kernels/surface/morton.h"
 #include "kernels/vec.h"
 
 namespace knead {
-
-constexpr int kMortonBits = 21;  // per axis
-
-uint64_t morton_key(uint32_t x, uint32_t y, uint32_t z);  // 21 bits of each, x lowest
-uint64_t morton_key(const Vec3d& unit);                   // of a point in [0, 1)^3, at 2^21 a side
 
 struct OctreeNode {
   uint32_t x, y, z;  // of 2^level a side

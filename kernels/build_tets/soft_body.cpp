@@ -1,13 +1,15 @@
 #include "kernels/build_tets/soft_body.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 
 #include "graph/error.h"
-#include "kernels/build_tets/octree.h"
+#include "kernels/surface/edges.h"
+#include "kernels/surface/morton.h"
 #include "kernels/surface/principal_frame.h"
+#include "kernels/surface/volume.h"
+#include "kernels/surface/weld.h"
 
 namespace knead {
 namespace {
@@ -22,8 +24,9 @@ std::string counted(size_t n, const char* one, const char* many) {
   return std::to_string(n) + " " + (n == 1 ? one : many);
 }
 
-// The cube stands along M's own axes, so that it turns with M. It is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's middle, which are never near a multiple of any cell
-// size: the middle planes and the outer planes of a symmetric body do not fall on cell faces, where rounding would decide which cell they belong to.
+// The cube stands along M's own axes, so that it turns with M. It is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's
+// middle, which are never near a multiple of any cell size: the middle planes and the outer planes of a symmetric body do not fall on cell faces, where
+// rounding would decide which cell they belong to.
 void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   const auto local = surface.points.host();
   Similarity frame;
@@ -53,83 +56,21 @@ void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   });
 }
 
-// Vertices in the same place by sorting them along the Morton curve; the octree takes the same keys.
-void weld(SoftBody& body) {
-  struct Keyed {
-    uint64_t key;
-    uint32_t vertex;
-  };
-  std::vector<Keyed> order;
-  order.reserve(body.points.size());
+// The octree takes the keys in order.
+std::vector<uint64_t> sorted_keys_of_places(const SoftBody& body) {
+  std::vector<uint64_t> keys;
+  keys.reserve(body.points.size());
   for (uint32_t v = 0; v < body.points.size(); ++v)
-    if (body.used[v]) order.push_back({morton_key(body.points[v]), v});
-  std::sort(order.begin(), order.end(), [](const Keyed& a, const Keyed& b) { return a.key != b.key ? a.key < b.key : a.vertex < b.vertex; });
-  body.welded.resize(body.points.size());
-  std::iota(body.welded.begin(), body.welded.end(), 0u);
-  const auto place = [&](uint32_t v) { return std::array{body.points[v].x, body.points[v].y, body.points[v].z}; };
-  for (size_t i = 0; i < order.size();) {
-    size_t end = i + 1;
-    while (end < order.size() && order[end].key == order[i].key) ++end;
-    if (end - i > 1)
-      std::sort(order.begin() + static_cast<ptrdiff_t>(i), order.begin() + static_cast<ptrdiff_t>(end), [&](const Keyed& a, const Keyed& b) {
-        return place(a.vertex) != place(b.vertex) ? place(a.vertex) < place(b.vertex) : a.vertex < b.vertex;
-      });
-    for (size_t j = i, first = i; j < end; ++j) {
-      if (place(order[j].vertex) != place(order[first].vertex)) first = j;
-      body.welded[order[j].vertex] = order[first].vertex;
-      if (j == first) body.sorted_keys.push_back(order[j].key);
-    }
-    i = end;
-  }
+    if (body.used[v] && body.welded[v] == v) keys.push_back(morton_key(body.points[v]));
+  std::sort(keys.begin(), keys.end());
+  return keys;
 }
 
-// A triangle's use of an edge, kept with the edge's lower vertex.
-struct EdgeUse {
-  uint32_t other, triangle;
-  int32_t sign;  // +1: from the lower vertex to the other
-};
-
-struct EdgeUses {
-  std::vector<uint32_t> offsets;
-  std::vector<EdgeUse> uses;
-
-  explicit EdgeUses(const SoftBody& body, Executor& executor) : offsets(body.points.size() + 1, 0) {
-    for_each(body, [&](uint32_t lower, EdgeUse) { ++offsets[lower + 1]; });
-    std::partial_sum(offsets.begin(), offsets.end(), offsets.begin());
-    uses.resize(offsets.back());
-    std::vector<uint32_t> next(offsets.begin(), offsets.end() - 1);
-    for_each(body, [&](uint32_t lower, EdgeUse use) { uses[next[lower]++] = use; });
-    executor.parallel_ranges(body.points.size(), kPiece, [&](size_t begin, size_t end) {
-      for (size_t v = begin; v < end; ++v)
-        std::sort(uses.begin() + offsets[v], uses.begin() + offsets[v + 1],
-                  [](const EdgeUse& a, const EdgeUse& b) { return a.other != b.other ? a.other < b.other : a.triangle < b.triangle; });
-    });
-  }
-
-  template <class F>
-  static void for_each(const SoftBody& body, F&& f) {
-    for (uint32_t t = 0; t < body.triangle_count(); ++t) {
-      uint32_t v[3];
-      for (int k = 0; k < 3; ++k) v[k] = body.welded[body.triangles[3 * t + static_cast<size_t>(k)]];
-      if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) continue;
-      for (int k = 0; k < 3; ++k) {
-        const uint32_t from = v[k], to = v[(k + 1) % 3];
-        f(std::min(from, to), {std::max(from, to), t, from < to ? 1 : -1});
-      }
-    }
-  }
-  // f(uses of one edge), edge by edge
-  template <class F>
-  void each_edge(F&& f) const {
-    for (size_t v = 0; v + 1 < offsets.size(); ++v)
-      for (uint32_t i = offsets[v]; i < offsets[v + 1];) {
-        uint32_t end = i + 1;
-        while (end < offsets[v + 1] && uses[end].other == uses[i].other) ++end;
-        f(std::span<const EdgeUse>(&uses[i], end - i));
-        i = end;
-      }
-  }
-};
+EdgeUses edge_uses(const SoftBody& body, Executor& executor) {
+  std::vector<uint32_t> triangles(body.triangles.size());
+  for (size_t c = 0; c < triangles.size(); ++c) triangles[c] = body.welded[body.triangles[c]];
+  return EdgeUses(body.points.size(), triangles, &executor);
+}
 
 // Triangles joined by relative orientation: find() gives the root and whether the triangle is turned against it.
 class Parity {
@@ -175,8 +116,8 @@ class Parity {
 // turned.
 size_t orient(SoftBody& body, const EdgeUses& edges) {
   Parity parity(body.triangle_count());
-  edges.each_edge([&](std::span<const EdgeUse> uses) {
-    if (uses.size() == 2) parity.join(uses[0].triangle, uses[1].triangle, uses[0].sign == uses[1].sign);
+  edges.each_edge([&](uint32_t, std::span<const EdgeUse> uses) {
+    if (uses.size() == 2) parity.join(uses[0].triangle(), uses[1].triangle(), uses[0].forward == uses[1].forward);
   });
   std::vector<int64_t> balance(body.triangle_count(), 0);
   for (uint32_t t = 0; t < body.triangle_count(); ++t) {
@@ -199,25 +140,24 @@ struct EdgeCounts {
 
 EdgeCounts count_edges(const EdgeUses& edges) {
   EdgeCounts counts;
-  edges.each_edge([&](std::span<const EdgeUse> uses) {
-    int sum = 0;
-    for (const EdgeUse& use : uses) sum += use.sign;
+  edges.each_edge([&](uint32_t, std::span<const EdgeUse> uses) {
+    const int net = net_use(uses);
     counts.open += uses.size() == 1;
     counts.crowded += uses.size() > 2;
-    counts.misled += uses.size() == 2 && sum != 0;
-    counts.unbalanced += sum != 0;
+    counts.misled += uses.size() == 2 && net != 0;
+    counts.unbalanced += net != 0;
   });
   return counts;
 }
 
 void judge_edges(SoftBody& body, Executor& executor, std::vector<std::string>& warnings) {
-  EdgeUses edges(body, executor);
+  const EdgeUses edges = edge_uses(body, executor);
   EdgeCounts counts = count_edges(edges);
   if (counts.misled > 0) {
     const size_t turned = orient(body, edges);
     warnings.push_back(counted(counts.misled, "edge has", "edges have") + " faces of opposite orientation; " +
                        counted(turned, "triangle was", "triangles were") + " turned to agree with their neighbours");
-    counts = count_edges(EdgeUses(body, executor));
+    counts = count_edges(edge_uses(body, executor));
   }
   body.closed = counts.unbalanced == 0;
   if (counts.open > 0)
@@ -276,12 +216,10 @@ SoftBody make_soft_body(const Surface& surface, Executor& executor, std::vector<
   if (body.triangles.empty()) throw Error(ErrorCode::kInput, "the surface has no faces", "give it a mesh with at least one triangle");
   if (dropped > 0) warnings.push_back(counted(dropped, "triangle", "triangles") + " with a vertex that is not finite left out");
   place_in_cube(surface, body, executor);
-  weld(body);
+  body.welded = first_at_same_place(std::span<const Vec3d>(body.points), body.used);
+  body.sorted_keys = sorted_keys_of_places(body);
   judge_edges(body, executor, warnings);
-  for (size_t t = 0; t < body.triangle_count(); ++t) {
-    const uint32_t* v = &body.triangles[3 * t];
-    body.volume += dot(body.points[v[0]] - body.centre, cross(body.points[v[1]] - body.centre, body.points[v[2]] - body.centre)) / 6;
-  }
+  body.volume = signed_volume(std::span<const Vec3d>(body.points), body.triangles, body.centre);
   if (body.volume < 0) warnings.push_back("the faces point inwards: inside is taken where the winding number is beyond one half either way");
   return body;
 }

@@ -1,9 +1,9 @@
 #include "kernels/build_tets/tet_rules.h"
 
 #include <algorithm>
-#include <numeric>
 
 #include "graph/error.h"
+#include "kernels/surface/disjoint_sets.h"
 
 namespace knead {
 namespace {
@@ -37,9 +37,7 @@ uint32_t quadrant_of(const OctreeNode& small, int face) {
 class Builder {
  public:
   Builder(const Octree& octree, const Cells& cells, const Copies& copies, Executor& executor)
-      : octree_(octree), cells_(cells), copies_(copies), executor_(executor), parent_(27 * copies.count()), partner_(24 * copies.count(), kNone) {
-    std::iota(parent_.begin(), parent_.end(), 0u);
-  }
+      : octree_(octree), cells_(cells), copies_(copies), executor_(executor), slots_(27 * copies.count()), partner_(24 * copies.count(), kNone) {}
 
   RawTets run(bool by_place) {
     for (const CopyLink& link : copies_.links) {
@@ -62,16 +60,6 @@ class Builder {
             half * (2 * static_cast<int32_t>(at.z) + slot / 9)};
   }
 
-  uint32_t root(uint32_t s) {
-    while (parent_[s] != s) s = parent_[s] = parent_[parent_[s]];
-    return s;
-  }
-  void unite(uint32_t a, uint32_t b) {
-    a = root(a);
-    b = root(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-
   void unite_slots(const CopyLink& link) {
     const OctreeNode &small = node(link.first), &other = node(link.second);
     const bool equal = small.level == other.level;
@@ -80,7 +68,7 @@ class Builder {
       for (int a = 0; a < 3; ++a) {
         if (!equal && (a == 1 || b == 1)) continue;  // the middles of the small face are too fine for the larger cell
         const int c = equal ? a : static_cast<int>(quadrant & 1) + a / 2, d = equal ? b : static_cast<int>(quadrant >> 1) + b / 2;
-        unite(27 * link.first + face_slot(link.face, a, b), 27 * link.second + face_slot(link.face ^ 1, c, d));
+        slots_.join(27 * link.first + face_slot(link.face, a, b), 27 * link.second + face_slot(link.face ^ 1, c, d));
       }
   }
 
@@ -108,21 +96,21 @@ class Builder {
       }
     std::sort(keyed.begin(), keyed.end());
     for (size_t i = 1; i < keyed.size(); ++i)
-      if (keyed[i].first == keyed[i - 1].first) unite(keyed[i].second, keyed[i - 1].second);
+      if (keyed[i].first == keyed[i - 1].first) slots_.join(keyed[i].second, keyed[i - 1].second);
   }
 
   void number_vertices() {
-    std::vector<uint32_t> vertex(parent_.size(), kNone);  // by root
+    std::vector<uint32_t> vertex(slots_.size(), kNone);  // by root
     for (uint32_t copy = 0; copy < copies_.count(); ++copy)
       for (int corner = 0; corner < 9; ++corner) {
         const int slot = corner < 8 ? corner_slot(corner) : kCentreSlot;
-        uint32_t& id = vertex[root(27 * copy + static_cast<uint32_t>(slot))];
+        uint32_t& id = vertex[slots_.find(27 * copy + static_cast<uint32_t>(slot))];
         if (id != kNone) continue;
         id = static_cast<uint32_t>(raw_.places.size());
         raw_.places.push_back(place(copy, slot));
       }
-    raw_.slot_vertices.resize(parent_.size());
-    for (uint32_t s = 0; s < parent_.size(); ++s) raw_.slot_vertices[s] = vertex[root(s)];
+    raw_.slot_vertices.resize(slots_.size());
+    for (uint32_t s = 0; s < slots_.size(); ++s) raw_.slot_vertices[s] = vertex[slots_.find(s)];
   }
 
   struct Base {  // the triangle that a pyramid lays on a face
@@ -212,7 +200,7 @@ class Builder {
   const Cells& cells_;
   const Copies& copies_;
   Executor& executor_;
-  std::vector<uint32_t> parent_;   // union-find over slots
+  DisjointSets slots_;
   std::vector<uint32_t> partner_;  // [copy][face][quadrant]: the copy it shares tets with; one that is not smaller stands at quadrant 0
   RawTets raw_;
 };

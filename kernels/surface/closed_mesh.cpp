@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <tuple>
 
 #include "kernels/surface/disjoint_sets.h"
+#include "kernels/surface/edges.h"
+#include "kernels/surface/volume.h"
+#include "kernels/surface/weld.h"
 #include "kernels/surface/winding_number.h"
 
 namespace knead {
@@ -15,29 +17,20 @@ bool finite(const Vec3f& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
 
-struct Edge {
-  uint32_t low, high, triangle;
-  bool forward;  // the triangle runs from low to high
-};
-
 void copy_welded(std::span<const Vec3f> points, std::span<const uint32_t> triangles, ClosedMesh& mesh) {
   std::vector<uint8_t> used(points.size(), 0);
   for (uint32_t v : triangles)
     if (v < points.size() && finite(points[v])) used[v] = 1;
-  std::vector<uint32_t> order, name(points.size(), ~0u);
-  for (uint32_t i = 0; i < points.size(); ++i)
-    if (used[i]) order.push_back(i);
-  auto key = [&](uint32_t i) { return std::tie(points[i].x, points[i].y, points[i].z); };
-  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return key(a) != key(b) ? key(a) < key(b) : a < b; });
-  for (size_t k = 1; k < order.size(); ++k)
-    if (key(order[k]) == key(order[k - 1])) used[order[k]] = 2;  // the first of equals speaks for them
+  const std::vector<uint32_t> first = first_at_same_place(points, used);
+  std::vector<uint32_t> name(points.size(), ~0u);
   for (uint32_t i = 0; i < points.size(); ++i) {
-    if (used[i] != 1) continue;
-    name[i] = static_cast<uint32_t>(mesh.points.size());
-    mesh.points.push_back(points[i]);
+    if (!used[i]) continue;
+    if (first[i] == i) {
+      name[i] = static_cast<uint32_t>(mesh.points.size());
+      mesh.points.push_back(points[i]);
+    }
+    name[i] = name[first[i]];
   }
-  for (size_t k = 1; k < order.size(); ++k)
-    if (used[order[k]] == 2) name[order[k]] = name[order[k - 1]];
   for (size_t t = 0; t + 2 < triangles.size(); t += 3) {
     uint32_t v[3];
     bool good = true;
@@ -57,28 +50,6 @@ void copy_welded(std::span<const Vec3f> points, std::span<const uint32_t> triang
   }
 }
 
-std::vector<Edge> sorted_edges(const std::vector<uint32_t>& triangles) {
-  std::vector<Edge> edges(triangles.size());
-  for (size_t t = 0; t < triangles.size() / 3; ++t)
-    for (int k = 0; k < 3; ++k) {
-      const uint32_t a = triangles[3 * t + k], b = triangles[3 * t + (k + 1) % 3];
-      edges[3 * t + k] = {std::min(a, b), std::max(a, b), static_cast<uint32_t>(t), a < b};
-    }
-  std::sort(edges.begin(), edges.end(),
-            [](const Edge& a, const Edge& b) { return std::tie(a.low, a.high, a.triangle) < std::tie(b.low, b.high, b.triangle); });
-  return edges;
-}
-
-// Calls f(first, last) for every run of triangles that share an edge.
-template <class F>
-void each_edge(const std::vector<Edge>& edges, const F& f) {
-  for (size_t begin = 0, end; begin < edges.size(); begin = end) {
-    for (end = begin + 1; end < edges.size() && edges[end].low == edges[begin].low && edges[end].high == edges[begin].high; ++end) {
-    }
-    f(edges.data() + begin, edges.data() + end);
-  }
-}
-
 void turn(std::vector<uint32_t>& triangles, size_t t) {
   std::swap(triangles[3 * t + 1], triangles[3 * t + 2]);
 }
@@ -90,17 +61,17 @@ double area_of(const ClosedMesh& mesh, size_t t) {
 
 // Makes neighbours over clean edges agree; in each patch the side that covers less area is turned.
 void agree(ClosedMesh& mesh) {
-  const std::vector<Edge> edges = sorted_edges(mesh.triangles);
   const size_t count = mesh.triangles.size() / 3;
   std::vector<std::array<std::pair<uint32_t, bool>, 3>> neighbours(count);  // (triangle, turned against it)
   std::vector<uint8_t> degree(count, 0);
   bool any = false;
-  each_edge(edges, [&](const Edge* first, const Edge* last) {
-    if (last - first != 2 || first[0].triangle == first[1].triangle) return;
-    const bool against = first[0].forward == first[1].forward;
+  EdgeUses(mesh.points.size(), mesh.triangles).each_edge([&](uint32_t, std::span<const EdgeUse> uses) {
+    if (uses.size() != 2) return;
+    const uint32_t one = uses[0].triangle(), other = uses[1].triangle();
+    const bool against = uses[0].forward == uses[1].forward;
     any = any || against;
-    neighbours[first[0].triangle][degree[first[0].triangle]++] = {first[1].triangle, against};
-    neighbours[first[1].triangle][degree[first[1].triangle]++] = {first[0].triangle, against};
+    neighbours[one][degree[one]++] = {other, against};
+    neighbours[other][degree[other]++] = {one, against};
   });
   if (!any) return;
   std::vector<uint8_t> side(count, 2);
@@ -153,11 +124,7 @@ std::vector<Piece> find_pieces(const ClosedMesh& mesh) {
   }
   for (Piece& piece : pieces) {
     const Vec3d centre = (piece.lower + piece.upper) * 0.5;
-    for (uint32_t t : piece.triangles) {
-      const Vec3d a = to_double(mesh.points[mesh.triangles[3 * t]]) - centre, b = to_double(mesh.points[mesh.triangles[3 * t + 1]]) - centre,
-                  c = to_double(mesh.points[mesh.triangles[3 * t + 2]]) - centre;
-      piece.volume += dot(a, cross(b, c)) / 6;
-    }
+    for (uint32_t t : piece.triangles) piece.volume += volume_part(std::span<const Vec3f>(mesh.points), &mesh.triangles[3 * t], centre);
   }
   return pieces;
 }
@@ -195,11 +162,10 @@ void face_outwards(ClosedMesh& mesh) {
 // what is left over of closed triangle outlines has as many edges into every vertex as out of it.
 std::vector<std::vector<uint32_t>> find_rims(const ClosedMesh& mesh) {
   std::vector<std::pair<uint32_t, uint32_t>> loose;
-  each_edge(sorted_edges(mesh.triangles), [&](const Edge* first, const Edge* last) {
-    int net = 0;
-    for (const Edge* e = first; e != last; ++e) net += e->forward ? 1 : -1;
-    for (; net > 0; --net) loose.emplace_back(first->high, first->low);
-    for (; net < 0; ++net) loose.emplace_back(first->low, first->high);
+  EdgeUses(mesh.points.size(), mesh.triangles).each_edge([&](uint32_t low, std::span<const EdgeUse> uses) {
+    int net = net_use(uses);
+    for (; net > 0; --net) loose.emplace_back(uses[0].high, low);
+    for (; net < 0; ++net) loose.emplace_back(low, uses[0].high);
   });
   std::sort(loose.begin(), loose.end());
   std::vector<size_t> next(mesh.points.size() + 1, 0), place(mesh.points.size(), ~size_t{0});

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "kernels/build_tets/octree.h"
+#include "kernels/surface/morton.h"
 
 namespace knead {
 namespace {

@@ -11,6 +11,7 @@
 
 #include "graph/error.h"
 #include "io/mesh/mesh_io.h"
+#include "kernels/surface/volume.h"
 #include "tests/paths.h"
 
 namespace mesh_test_tools {
@@ -39,12 +40,7 @@ inline std::string short_text(double value) {
 }
 
 inline double volume_of(const Surface& surface) {
-  const auto p = surface.points.host();
-  double volume = 0;
-  for (size_t t = 0; t < surface.topology->triangle_count(); ++t) {
-    const uint32_t* v = &surface.topology->triangles[3 * t];
-    volume += dot(to_double(p[v[0]]), cross(to_double(p[v[1]]), to_double(p[v[2]]))) / 6;
-  }
+  const double volume = signed_volume(surface.points.host(), surface.topology->triangles, {0, 0, 0});
   return volume * std::pow(surface.placement.scale, 3);
 }
 

@@ -28,7 +28,7 @@ Shape measured(const Surface& surface) {
   for (size_t t = 0; t < triangles.size(); t += 3) {
     Vec3d p[3];
     for (int c = 0; c < 3; ++c) p[c] = to_double(points[triangles[t + c]]);
-    shape.volume += dot(p[0], cross(p[1], p[2])) / 6;
+    shape.volume += volume_part({0, 0, 0}, p[0], p[1], p[2]);
     shape.area += 0.5 * length(cross(p[1] - p[0], p[2] - p[0]));
     for (int c = 0; c < 3; ++c) {
       ++edges[{triangles[t + c], triangles[t + (c + 1) % 3]}];
