@@ -1,40 +1,32 @@
 #include "graph/hash.h"
 
-namespace knead {
+#include <new>
 
-static uint64_t mixed(uint64_t v) {  // finaliser of splitmix64
-  v ^= v >> 30;
-  v *= 0xbf58476d1ce4e5b9ull;
-  v ^= v >> 27;
-  v *= 0x94d049bb133111ebull;
-  return v ^ (v >> 31);
+#define XXH_INLINE_ALL  // compiled into this file: nothing to link, no symbol to clash with a host's
+#include <xxhash.h>
+
+namespace knead {
+namespace {
+
+XXH3_state_t* state_in(unsigned char* bytes) {
+  return std::launder(reinterpret_cast<XXH3_state_t*>(bytes));
 }
 
-static uint64_t folded(uint64_t a, uint64_t b) {
-  const auto product = static_cast<unsigned __int128>(a) * b;
-  return static_cast<uint64_t>(product) ^ static_cast<uint64_t>(product >> 64);
+}  // namespace
+
+Hasher::Hasher() {
+  static_assert(sizeof(XXH3_state_t) <= sizeof state_ && alignof(XXH3_state_t) <= alignof(Hasher));
+  XXH3_128bits_reset(new (state_) XXH3_state_t);
 }
 
 Hasher& Hasher::bytes(const void* data, size_t size) {
-  const auto* p = static_cast<const unsigned char*>(data);
-  size_ += size;
-  for (; size >= 8; p += 8, size -= 8) {
-    uint64_t word;
-    std::memcpy(&word, p, 8);
-    a_ = folded(a_ ^ word, 0x9fb21c651e98df25ull) + b_;
-    b_ = (b_ ^ mixed(word + a_)) * 0xd6e8feb86659fd93ull;
-  }
-  if (size > 0) {
-    uint64_t word = size << 56;
-    std::memcpy(&word, p, size);
-    a_ = folded(a_ ^ word, 0x9fb21c651e98df25ull) + b_;
-    b_ = (b_ ^ mixed(word + a_)) * 0xd6e8feb86659fd93ull;
-  }
+  XXH3_128bits_update(state_in(state_), data, size);
   return *this;
 }
 
 Key Hasher::key() const {
-  return {mixed(a_ + size_), mixed(b_ ^ (a_ << 1) ^ size_)};
+  const XXH128_hash_t hash = XXH3_128bits_digest(state_in(const_cast<unsigned char*>(state_)));
+  return {hash.high64, hash.low64};
 }
 
 std::string Key::text() const {

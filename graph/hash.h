@@ -1,4 +1,4 @@
-// Content hashing for cache keys: 128 bits, so that equal keys can be taken for equal contents.
+// Content hashing for cache keys: XXH3's 128 bits (Collet 2021), so that equal keys can be taken for equal contents.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -21,6 +21,7 @@ struct KeyHash {
 
 class Hasher {
  public:
+  Hasher();
   Hasher& bytes(const void* data, size_t size);
   Hasher& add(std::string_view text) { return add(text.size()).bytes(text.data(), text.size()); }
   Hasher& add(const char* text) { return add(std::string_view(text)); }
@@ -30,8 +31,7 @@ class Hasher {
   Key key() const;
 
  private:
-  uint64_t a_ = 0x9e3779b97f4a7c15ull, b_ = 0xc2b2ae3d27d4eb4full;
-  uint64_t size_ = 0;
+  alignas(64) unsigned char state_[576];  // XXH3's
 };
 
 }  // namespace knead
