@@ -55,7 +55,9 @@ void print_summary(const RunArguments& arguments, const Evaluator& evaluator, co
   std::string evaluations;
   for (const auto& [type, times] : figures.evaluations) evaluations += fmt::format("{}{} {}", evaluations.empty() ? "" : ", ", type, times);
   fmt::print("\ncache: {} hits, {} misses; evaluated: {}\n", figures.cache.hits, figures.cache.misses, evaluations.empty() ? "nothing" : evaluations);
-  if (figures.transfers) fmt::print("transfers: {}, {} bytes\n", figures.transfers, figures.transferred_bytes);
+  if (figures.moved.count + figures.by_nodes.count > 0)
+    fmt::print("transfers: {}, {} bytes between nodes; {}, {} bytes within them\n", figures.moved.count, figures.moved.bytes, figures.by_nodes.count,
+               figures.by_nodes.bytes);
   fmt::print("figures: {}\n", stats);
   if (!arguments.graph.out.empty()) fmt::print("results: {}\n", arguments.graph.out);
 }

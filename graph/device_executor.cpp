@@ -67,9 +67,9 @@ void DeviceExecutor::run_graph(const std::vector<std::vector<int>>&, const std::
 void DeviceExecutor::copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) {
   const bool here = from_device == Device{} && to_device == device(), there = from_device == device() && to_device == Device{};
   if (!here && !there) throw Error(ErrorCode::kDevice, std::string(name()) + " cannot copy from " + from_device.text() + " to " + to_device.text());
+  if (bytes == 0) return;
   ++copies_;
   copied_bytes_ += bytes;
-  if (bytes == 0) return;
   if (here)
     backend_->copy_here(from, to, bytes);
   else

@@ -75,6 +75,7 @@ class DeviceExecutor final : public Executor, private MemoryResource {
   void between_frames(bool between) override;
   std::unique_ptr<LoopRecorder> record_loop() override;
 
+  Transfers transfers() const override { return {copies_, copied_bytes_}; }
   DeviceFigures figures() const;
   DeviceBackend& backend() { return *backend_; }
 

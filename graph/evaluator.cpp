@@ -159,6 +159,7 @@ Evaluator::Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options)
   impl_->options = options;
   if (!options.executor) impl_->own_executor = make_cpu_executor();
   impl_->device = options.executor ? options.executor : impl_->own_executor.get();
+  impl_->before = impl_->device->transfers();
   if (!options.host_executor && impl_->device->device() != Device{}) impl_->own_host = make_cpu_executor();
   impl_->host = options.host_executor ? options.host_executor : impl_->own_host ? impl_->own_host.get() : impl_->device;
   impl_->cache = options.cache ? options.cache : std::make_shared<Cache>();
@@ -217,8 +218,10 @@ EvaluatorFigures Evaluator::figures() const {
     if (const uint64_t count = impl_->evaluations[i]) figures.evaluations[node.type->name] += count;
     if (const double seconds = impl_->seconds[i]; seconds > 0) figures.seconds[node.name] = seconds;
   }
-  figures.transfers = impl_->transfers;
-  figures.transferred_bytes = impl_->transferred_bytes;
+  const Transfers all = impl_->device->transfers();
+  figures.moved = {impl_->moved, impl_->moved_bytes};
+  figures.by_nodes.count = all.count - impl_->before.count - figures.moved.count;
+  figures.by_nodes.bytes = all.bytes - impl_->before.bytes - figures.moved.bytes;
   return figures;
 }
 

@@ -1,9 +1,9 @@
 // Evaluates a plan: any frame, in any order, on any number of threads, with the same bits. Thread-safe.
 //
 // Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the
-// cache lacks runs, independent nodes at once. Buffers are moved here and nowhere else: a node that runs on the device gets its inputs there, one
-// that runs on the host gets them back; both are counted by buffer, and a copy is made once for all its readers. A node that fails stops only what
-// needs it.
+// cache lacks runs, independent nodes at once. Values between nodes are moved here: a node that runs on the device gets its inputs there, one that runs
+// on the host gets them back, and a buffer is copied once for all its readers. Kernels copy besides what is theirs alone: tables that they keep on a
+// device, and figures by which the host decides. Both kinds are counted, apart from each other. A node that fails stops only what needs it.
 #pragma once
 #include <functional>
 #include <map>
@@ -36,7 +36,8 @@ struct EvaluatorFigures {
   CacheFigures cache;
   std::map<std::string, uint64_t> evaluations;  // times a node of each type was really run; a loop counts once, its body not
   std::map<std::string, double> seconds;        // spent in each node by name, over all frames, with what was computed once for all of them
-  uint64_t transfers = 0, transferred_bytes = 0;
+  Transfers moved;                              // buffers between nodes
+  Transfers by_nodes;                           // what nodes copied besides; of all evaluators that share the executor since this one was made
 };
 
 struct EvaluatorOptions {

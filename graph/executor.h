@@ -1,6 +1,7 @@
 // Where kernels run. An executor is a device, its memory and a parallel loop; kernels (kernels/parallel.h) are written against it once.
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -27,6 +28,10 @@ class FunctionRef<R(A...)> {
 
 class LoopRecorder;
 
+struct Transfers {
+  uint64_t count = 0, bytes = 0;
+};
+
 class Executor {
  public:
   virtual ~Executor() = default;
@@ -43,8 +48,10 @@ class Executor {
   // once.
   virtual void run_graph(const std::vector<std::vector<int>>& successors, const std::vector<int>& waits_for, FunctionRef<void(int)> task) = 0;
 
-  // Copies bytes between devices; both ends must be the host or this executor's device. The scheduler calls it, and solvers to decide by.
+  // Copies bytes between devices; both ends must be the host or this executor's device. The evaluator calls it to move buffers, and kernels for tables
+  // of their own and for figures to decide by.
   virtual void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) = 0;
+  virtual Transfers transfers() const { return {}; }  // all copies so far between the host and a device; none on the host
   virtual void synchronise() {}
 
   // Devices only: runs a kernel's body over [0, n), after everything that this thread has launched here before, and returns before it has ended. The

@@ -83,13 +83,12 @@ Buffer<std::byte> Evaluator::Impl::brought(const Buffer<std::byte>& buffer, Devi
   return cache->once(key, [&] { return Value::of(CopiedBuffer{copied(buffer, there)}); }).as<CopiedBuffer>().bytes;
 }
 
-// The only place where data moves.
+// The only place where a buffer of a value moves.
 Buffer<std::byte> Evaluator::Impl::copied(const Buffer<std::byte>& buffer, Device there) {
-  ++transfers;
-  transferred_bytes += buffer.bytes();
   Buffer<std::byte> copy(buffer.size(), there == Device{} ? host_memory() : device->memory());
   device->copy(buffer.view(buffer.device()).data(), buffer.device(), copy.data_for_write(), there, buffer.bytes());
   device->synchronise();
+  if (buffer.bytes() > 0) ++moved, moved_bytes += buffer.bytes();
   return copy;
 }
 

@@ -38,7 +38,8 @@ struct Evaluator::Impl {
   std::shared_ptr<Cache> cache;
   std::vector<std::atomic<uint64_t>> evaluations;
   std::vector<std::atomic<double>> seconds;
-  std::atomic<uint64_t> transfers{0}, transferred_bytes{0};
+  Transfers before;  // the device's own count when this was made
+  std::atomic<uint64_t> moved{0}, moved_bytes{0};
 
   const PlanNode& node_at(int i) const { return plan->nodes[static_cast<size_t>(i)]; }
   Executor& executor_of(const PlanNode& node) const { return node.node->runs() == Runs::kHost ? *host : *device; }

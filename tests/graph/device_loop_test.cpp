@@ -30,7 +30,7 @@ Ran run(const std::string& nodes, Executor* executor) {
   Evaluator evaluator(compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options()), options);
   const FrameResult result = evaluator.evaluate(1, {"l", "l.report"});
   Ran ran;
-  ran.transfers = evaluator.figures().transfers;
+  ran.transfers = evaluator.figures().moved.count;
   if (result.error) {
     ran.error = result.error->what();
     return ran;

@@ -60,11 +60,13 @@ class FakeBackend final : public DeviceBackend {
 
   void copy_here(const void* host, void* here, size_t bytes) override {
     const std::lock_guard lock(mutex_);
+    count(bytes);
     const Open open(*this);
     std::memcpy(here, host, bytes);
   }
   void copy_to_host(const void* here, void* host, size_t bytes) override {
     const std::lock_guard lock(mutex_);
+    count(bytes);
     const Open open(*this);
     coming_.push_back({host, std::vector<char>(static_cast<const char*>(here), static_cast<const char*>(here) + bytes)});
   }
@@ -102,9 +104,15 @@ class FakeBackend final : public DeviceBackend {
     return batch_ == 0 ? 1 : launches;
   }
 
-  int rounds_run = 0;  // of loops, needed or not
+  int rounds_run = 0;   // of loops, needed or not
+  Transfers transfers;  // as they came
 
  private:
+  void count(size_t bytes) {
+    ++transfers.count;
+    transfers.bytes += bytes;
+  }
+
   static constexpr size_t kReserved = size_t{4} << 30, kAlignment = 256;
 
   // The device at work: its memory may be touched.

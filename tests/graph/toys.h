@@ -378,6 +378,22 @@ class DeviceAdd : public Node {
   }
 };
 
+// Decides on the host by a number that is on the device: what a solver's step length is.
+class DevicePeek : public Node {
+ public:
+  In<Numbers> in{this, "in", {.doc = "a number"}};
+  Out<Numbers> out{this, "out", {.doc = "the same, where it is not negative"}};
+  Runs runs() const override { return Runs::kAnyDevice; }
+  void evaluate(Context& context) const override {
+    Executor& executor = context.executor();
+    double seen = 0;
+    executor.copy(context.get(in).values.view(executor.device()).data(), executor.device(), &seen, Device{}, sizeof seen);
+    executor.synchronise();
+    if (seen < 0) throw Error(ErrorCode::kInput, "a negative number");
+    context.set(out, context.get(in));
+  }
+};
+
 // x + rate (target - x): comes to rest at the target.
 class Relax : public Node {
  public:
@@ -507,6 +523,7 @@ inline const Registry& registry() {
     put<SlyWrite>(r, "sly_write");
     put<Forgets>(r, "forgets");
     put<DeviceAdd>(r, "device_add");
+    put<DevicePeek>(r, "device_peek");
     put<Relax>(r, "relax");
     put<Tally>(r, "tally");
     put<Explode>(r, "explode");

@@ -1,4 +1,5 @@
-// Only the scheduler moves data, once per direction, and counts it: shown on a device that is host memory under another tag.
+// The evaluator moves values between nodes, once per direction, and counts what moves, by itself and by nodes: shown on a device that is host memory
+// under another tag.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -33,17 +34,43 @@ struct OnFake {
 TEST(Transfer, BringsInputsToTheDeviceAndResultsBack) {
   OnFake on("  v: {type: value, value: 3, size: 4}\n  d: {type: device_add, in: v}\n  a: {type: add, a: d}");
   EXPECT_EQ(on.get("a"), 4);
-  EXPECT_EQ(on.evaluator.figures().transfers, 2u);
-  EXPECT_EQ(on.evaluator.figures().transferred_bytes, 2 * 4 * sizeof(double));
+  EXPECT_EQ(on.evaluator.figures().moved.count, 2u);
+  EXPECT_EQ(on.evaluator.figures().moved.bytes, 2 * 4 * sizeof(double));
   EXPECT_EQ(on.fake.executor.figures().copies, 2u);
   EXPECT_EQ(on.fake.executor.figures().copied_bytes, 2 * 4 * sizeof(double));
+}
+
+// Holds what evaluator.h says of transfers: no byte reaches the device or comes from it that the figures do not have.
+TEST(Transfer, CountsWhatNodesCopyBesideIts) {
+  OnFake on("  v: {type: value, value: 3, size: 4}\n  d: {type: device_add, in: v}\n  p: {type: device_peek, in: d}\n  a: {type: add, a: p}");
+  EXPECT_EQ(on.get("a"), 4);
+  const EvaluatorFigures figures = on.evaluator.figures();
+  EXPECT_EQ(figures.moved.count, 2u);
+  EXPECT_EQ(figures.by_nodes.count, 1u);
+  EXPECT_EQ(figures.by_nodes.bytes, sizeof(double));
+  EXPECT_EQ(figures.moved.count + figures.by_nodes.count, on.fake.backend.transfers.count);
+  EXPECT_EQ(figures.moved.bytes + figures.by_nodes.bytes, on.fake.backend.transfers.bytes);
+}
+
+TEST(Transfer, CountsFromWhenTheEvaluatorWasMade) {
+  FakeDevice fake;
+  const double one = 1;
+  Buffer<double> there(1, fake.executor.memory());
+  fake.executor.copy(&one, Device{}, there.data_for_write(), fake.executor.device(), sizeof one);
+  EvaluatorOptions options;
+  options.executor = &fake.executor;
+  Evaluator evaluator(plan_of("  v: {type: value}\n  d: {type: device_add, in: v}"), options);
+  EXPECT_EQ(evaluator.figures().by_nodes.count, 0u);
+  EXPECT_EQ(toys::first(evaluator.get<toys::Numbers>("d", 1)), 2);
+  EXPECT_EQ(evaluator.figures().moved.count, 2u);
+  EXPECT_EQ(evaluator.figures().by_nodes.count, 0u);
 }
 
 TEST(Transfer, LeavesOnTheDeviceWhatIsReadThere) {
   OnFake on(
       "  v: {type: value}\n  d: {type: device_add, in: v}\n  e: {type: device_add, in: d}\n  f: {type: device_add, in: e}\n  a: {type: add, a: f}");
   EXPECT_EQ(on.get("a"), 4);
-  EXPECT_EQ(on.evaluator.figures().transfers, 2u);
+  EXPECT_EQ(on.evaluator.figures().moved.count, 2u);
 }
 
 TEST(Transfer, MovesAValueOnceForAllItsReaders) {
@@ -57,7 +84,7 @@ TEST(Transfer, MovesAValueOnceForAllItsReaders) {
 )");
   EXPECT_EQ(on.get("x"), 3);
   EXPECT_EQ(on.get("y"), 5);
-  EXPECT_EQ(on.evaluator.figures().transfers, 3u);  // v there; f and e back
+  EXPECT_EQ(on.evaluator.figures().moved.count, 3u);  // v there; f and e back
 }
 
 TEST(Transfer, MovesWhatFramesShareOnce) {
@@ -70,14 +97,14 @@ TEST(Transfer, MovesWhatFramesShareOnce) {
     EXPECT_EQ(toys::first(result.values.at("a").as<toys::Numbers>()), 2 + result.frame);
   });
   EXPECT_EQ(frames, 8);
-  EXPECT_EQ(on.evaluator.figures().transfers, 3u);
+  EXPECT_EQ(on.evaluator.figures().moved.count, 3u);
 }
 
 TEST(Transfer, HandsOutputsOutOnTheHost) {
   OnFake on("  v: {type: value}\n  d: {type: device_add, in: v}");
   EXPECT_EQ(on.get("d"), 2);
   EXPECT_EQ(on.get("d"), 2);
-  EXPECT_EQ(on.evaluator.figures().transfers, 2u);
+  EXPECT_EQ(on.evaluator.figures().moved.count, 2u);
 }
 
 TEST(Transfer, ALoopWithAHostNodeRunsOnTheHost) {
@@ -85,14 +112,14 @@ TEST(Transfer, ALoopWithAHostNodeRunsOnTheHost) {
       "  v: {type: value, value: 0}\n  l: {type: iterate, max_iterations: 3, state: {x: v}, body: {d: {type: device_add, in: state.x}, a: {type: "
       "add, a: d}}, next: {x: a}}");
   EXPECT_EQ(on.get("l"), 3);
-  EXPECT_EQ(on.evaluator.figures().transfers, 0u);
+  EXPECT_EQ(on.evaluator.figures().moved.count, 0u);
 }
 
 // A value that is new in every frame but holds the same storage: only what is new is moved.
 TEST(Transfer, MovesStorageThatValuesShareOnce) {
   OnFake on("  v: {type: value, value: 3, size: 1000}\n  f: {type: frame}\n  p: {type: placed, in: v, at: f}\n  d: {type: device_add, in: p}");
   for (int frame = 1; frame <= 5; ++frame) EXPECT_EQ(on.get("d", frame), 4);
-  EXPECT_EQ(on.evaluator.figures().transfers, 1u + 5);  // v; every frame's d back
+  EXPECT_EQ(on.evaluator.figures().moved.count, 1u + 5);  // v; every frame's d back
 }
 
 TEST(Transfer, TooLittleMemoryIsAnErrorThatNamesTheSizesAndTheNextFrameIsMade) {

@@ -131,7 +131,7 @@ TEST(WholeGraphOnADevice, TransfersAndAllocatesNothingInTheLoop) {
       EXPECT_EQ(there.get(1).iterations, many ? 60 : 5);
       EXPECT_EQ(fake.backend.rounds_run, many ? 59 : 4) << "the first round is run from the host";
       figures[many] = fake.executor.figures();
-      transfers[many] = there.evaluator.figures().transfers;
+      transfers[many] = there.evaluator.figures().moved.count;
     }
     EXPECT_EQ(transfers[0], transfers[1]);
     EXPECT_EQ(figures[0].allocations, figures[1].allocations);
@@ -145,9 +145,9 @@ TEST(WholeGraphOnADevice, MovesTablesAndRigidFieldsOnceForAllFrames) {
   FakeDevice fake;
   OnExecutor there(fake.executor, kDeep);
   there.get(1);
-  const uint64_t first = there.evaluator.figures().transferred_bytes;
+  const uint64_t first = there.evaluator.figures().moved.bytes;
   there.get(2);
-  const uint64_t second = there.evaluator.figures().transferred_bytes - first;
+  const uint64_t second = there.evaluator.figures().moved.bytes - first;
   EXPECT_LT(second, first / 4) << "the field moves with the ball, and its grid stays";
 }
 
