@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "kernels/loop/largest_move_body.h"
+#include "kernels/largest_move_body.h"
 #include "kernels/parallel.h"
 
 namespace knead {

@@ -5,7 +5,6 @@
 #include <cstring>
 
 #include "graph/error.h"
-#include "kernels/loop/loop_simd.h"
 
 namespace knead {
 namespace {
@@ -24,14 +23,19 @@ bool processor_has(SimdLevel level) {
 #endif
 }
 
-const LoopSimd* lanes_of(SimdLevel level) {
-  switch (level) {
-    case SimdLevel::kAvx512: return loop_simd_avx512();
-    case SimdLevel::kAvx2: return loop_simd_avx2();
-    case SimdLevel::kBaseline: return loop_simd_baseline();
-    case SimdLevel::kScalar: break;
-  }
-  return loop_simd_scalar();
+// Where the levels beyond the compiler's own target are compiled is said by simd_sources.cmake.
+bool build_has(SimdLevel level) {
+#if defined(KNEAD_X86_LEVELS)
+  constexpr bool kBeyond = true;
+#else
+  constexpr bool kBeyond = false;
+#endif
+#if defined(__SSE2__)
+  constexpr bool kTarget = true;
+#else
+  constexpr bool kTarget = false;
+#endif
+  return level == SimdLevel::kScalar || (level == SimdLevel::kBaseline ? kTarget : kBeyond);
 }
 
 std::atomic<SimdLevel>& level_in_use() {
@@ -54,7 +58,7 @@ const char* name_of(SimdLevel level) {
 std::vector<SimdLevel> simd_levels() {
   std::vector<SimdLevel> levels;
   for (const SimdLevel level : {SimdLevel::kScalar, SimdLevel::kBaseline, SimdLevel::kAvx2, SimdLevel::kAvx512})
-    if (processor_has(level) && lanes_of(level)) levels.push_back(level);
+    if (processor_has(level) && build_has(level)) levels.push_back(level);
   return levels;
 }
 
@@ -67,10 +71,6 @@ void use_simd_level(SimdLevel level) {
   if (std::find(levels.begin(), levels.end(), level) == levels.end())
     throw Error(ErrorCode::kInput, std::string("this build or processor has no ") + name_of(level));
   level_in_use().store(level, std::memory_order_relaxed);
-}
-
-const LoopSimd& loop_simd(const Executor& executor) {
-  return *lanes_of(simd_level(executor));
 }
 
 }  // namespace knead

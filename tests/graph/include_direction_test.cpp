@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/paths.h"
@@ -70,7 +71,6 @@ std::string said(const Include& include) {
 }
 
 TEST(IncludeDirection, IsOneWay) {
-  // `io` sees of kernels only plain data and the small arithmetic on it.
   const std::map<std::string, std::set<std::string>> may_see{{"graph", {"graph"}},
                                                              {"kernels", {"kernels", "graph"}},
                                                              {"nodes", {"graph", "kernels", "io"}},
@@ -84,6 +84,59 @@ TEST(IncludeDirection, IsOneWay) {
       EXPECT_TRUE(other.empty() || may_see.at(room).count(other)) << said(include);
     }
   }
+}
+
+TEST(IncludeDirection, IoSeesAFewHeadersOfKernels) {
+  const std::map<std::string, const char*> known{
+      {"kernels/port_types.h", "the data that files hold"},
+      {"kernels/vec.h", "its arithmetic"},
+      {"kernels/simd_level.h", "what `knead info` prints"},
+      {"kernels/surface/disjoint_sets.h", "pieces, to describe a mesh"},
+      {"kernels/surface/edges.h", "open and crowded edges, to describe a mesh"},
+      {"kernels/surface/volume.h", "which way a mesh faces, to describe it"},
+      {"kernels/surface/weld.h", "vertices at the same place"},
+      {"kernels/surface/mesh_distance.h", "the distances that fields are made of"},
+  };
+  std::set<std::string> seen;
+  for (const Include& include : includes_of("io")) {
+    if (room_of(include.what) != "kernels") continue;
+    EXPECT_TRUE(known.count(include.what)) << said(include) << ": not one of the headers that io may see";
+    seen.insert(include.what);
+  }
+  for (const auto& [header, reason] : known) EXPECT_TRUE(seen.count(header)) << header << " (" << reason << ") is on the list and no longer seen";
+}
+
+// The room of kernels/ that a path is in; "" for the top, and for other folders.
+std::string kernel_room_of(const std::string& path) {
+  const size_t first = path.find('/'), second = path.find('/', first + 1);
+  return begins(path, "kernels/") && second != std::string::npos ? path.substr(first + 1, second - first - 1) : std::string();
+}
+
+TEST(IncludeDirection, TheRoomsOfKernelsLookOneWay) {
+  const std::map<std::string, std::set<std::string>> may_see{
+      {"surface", {}},       {"shapes", {}},    {"build_tets", {"surface"}},
+      {"loop", {"surface"}}, {"multigrid", {}}, {"equilibrium", {"surface", "loop", "multigrid"}},
+  };
+  // The one table of functions that is compiled per level of vector instructions holds the multigrid's rows too.
+  const std::set<std::pair<std::string, std::string>> excused{{"kernels/multigrid/multigrid.cpp", "kernels/equilibrium/energy_simd.h"}};
+  std::set<std::string> rooms;
+  for (const Include& include : includes_of("kernels")) {
+    const std::string room = kernel_room_of(include.file), other = kernel_room_of(include.what);
+    if (room.empty()) continue;
+    rooms.insert(room);
+    ASSERT_TRUE(may_see.count(room)) << room << ": say here what this room may see";
+    EXPECT_TRUE(other.empty() || other == room || may_see.at(room).count(other) || excused.count({include.file, include.what})) << said(include);
+  }
+  EXPECT_EQ(rooms.size(), may_see.size());
+}
+
+TEST(IncludeDirection, WhatAllKernelsShareSeesNoRoom) {
+  const std::set<std::string> excused{
+      "kernels/device_bodies.h",  // the list of everything that devices run
+      "kernels/measure.cpp",      // figures about what the rooms have made
+  };
+  for (const Include& include : includes_of("kernels"))
+    EXPECT_TRUE(!kernel_room_of(include.file).empty() || kernel_room_of(include.what).empty() || excused.count(include.file)) << said(include);
 }
 
 TEST(IncludeDirection, NobodyIncludesNodesOrApp) {
