@@ -6,10 +6,10 @@
 #include <cstring>
 
 #include "io/vdb/vdb.h"
+#include "kernels/largest_move_body.h"
 #include "kernels/loop/collide.h"
 #include "kernels/loop/enforce_stiffness.h"
 #include "kernels/loop/hold.h"
-#include "kernels/loop/largest_move_body.h"
 #include "kernels/loop/lattice_map.h"
 #include "kernels/loop/restore_volume.h"
 #include "kernels/loop/rigid_fit_body.h"
