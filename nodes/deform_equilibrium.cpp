@@ -1,63 +1,48 @@
 // deform_equilibrium: the energy solver with its beginning and its end, as one node. It is a graph like any other, built in.
 #include "graph/registry.h"
 #include "io/graph_file.h"
+#include "nodes/deform_parts.h"
 
 namespace knead {
 
 namespace {
 
-const char* const kManual = R"(Presses a soft surface by hard colliders to where it is truly at rest: the main job in one node. The one to pick first.
-
-  solid:  {type: mesh_to_sdf, mesh: fist}
-  result: {type: deform_equilibrium, surface: head, sdf: solid}
-  save:   {type: write_mesh, surface: result, path: out/head.####.obj}
-
-It is a group that stands for these nodes (method.md 4):
-  tets     build_tets: a tet mesh around the surface, built once
-  press    equilibrium: the minimum of one energy; its tables are made once for all frames
-  exact    collide_sdf in mode project: no vertex of the result is left inside a collider
-  figures  measure
-
-`deform` is the same job by the paper's loop. That one stops where it moves little, so its dents creep with the number of iterations and ripple when they
+const DeformManual kManual{
+    .does = "Presses a soft surface by hard colliders to where it is truly at rest: the main job in one node. The one to pick first.",
+    .node = "deform_equilibrium, surface: head, sdf: solid",
+    .source = "method.md 4",
+    .nodes = R"(  press    equilibrium: the minimum of one energy; its tables are made once for all frames
+)",
+    .remarks =
+        R"(`deform` is the same job by the paper's loop. That one stops where it moves little, so its dents creep with the number of iterations and ripple when they
 are deep; this one ends at rest, keeps the volume to a few hundredths of a percent, and is smooth in time. Where no collider is nearer than contact_gap, the
 surface comes out untouched.
 
 One of a million tets and more gets there sooner from where a coarse one roughly came to rest: the same result within the stop rule, in 16 to 26 iterations
 instead of 30 to 42 (docs/convergence.md). A smaller one gains nothing.
   first:  {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 5, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 2.0e-2}
-  result: {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 7, start: first.state}
+  result: {type: deform_equilibrium, surface: head, sdf: solid, max_depth: 7, start: first.state})",
+    .inner = "press.threshold=1e-4",
+};
 
-Inner nodes are reached from outside as NAME.press, and their parameters by --set NAME.press.threshold=1e-4.)";
-
-const char* const kGraph = R"(
-knead: 1
-inputs:
-  surface: {type: Surface, doc: "the soft surface M, at rest"}
-  sdf: {type: Sdf, many: true, optional: true, doc: "the colliders; none or several"}
-  pins: {type: Weights, optional: true, doc: "vertices of M that stay: 0 free, 1 pinned"}
-  stiffness_weights: {type: Weights, optional: true, doc: "by vertex of M: how stiff, relative to elsewhere"}
+const DeformGraph kGraph{
+    .inputs = R"(  stiffness_weights: {type: Weights, optional: true, doc: "by vertex of M: how stiff, relative to elsewhere"}
   hold_weights: {type: Weights, optional: true, doc: "by vertex of M: of `hold`"}
   start: {type: EquilibriumState, optional: true, doc: "the state of a coarser one of the same surface, to begin there instead of at rest"}
-parameters:
-  max_depth: {default: 6, doc: "of the tet mesh's octree: M's box is at most 2^max_depth cells wide"}
-  split_pieces: {default: false, doc: "keep apart what is closer than a cell, such as lips or fingers"}
-  lattice: {default: barycentric, doc: "coordinates of M in the tet mesh: barycentric, trilinear or mean_value"}
-  material: {default: stable_neo_hookean, doc: "the elastic energy: stable_neo_hookean, corotated or edges"}
+)",
+    .parameters = R"(  material: {default: stable_neo_hookean, doc: "the elastic energy: stable_neo_hookean, corotated or edges"}
   poisson_ratio: {default: 0.45, doc: "how well volume is kept everywhere; 0.5 cannot be reached"}
   hold: {default: 20, doc: "pull to rest: 200 keeps dents local, 2 lets the whole body give way"}
   friction: {default: 0, doc: "above 0: skin clings to a collider"}
   entry: {default: [0, 0, 0], doc: "the way that the colliders came in, world; zero: told from M at rest"}
-  margin: {default: 0, doc: "distance to keep from the colliders, world units"}
   contact_gap: {default: 2.0e-3, doc: "how far outside a collider its push begins, in diagonals"}
   contact_samples: {default: 0, doc: "4: points inside the triangles are kept outside too, for a coarse M under a sharp collider"}
   max_iterations: {default: 150, doc: "after which it ends in any case"}
   threshold: {default: 3.0e-4, doc: "sum of forces over contact forces at rest"}
   displacement: {default: 2.0e-5, doc: "longest last step at rest, in diagonals"}
   penetration: {default: 1.0e-4, doc: "largest error of a contact at rest, in diagonals; in the mean a twentieth of it"}
-  face_samples: {default: 0, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
-nodes:
-  tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, split_pieces: $split_pieces, lattice: $lattice}
-  press:
+)",
+    .nodes = R"(  press:
     type: equilibrium
     surface: inputs.surface
     sdf: inputs.sdf
@@ -79,32 +64,16 @@ nodes:
     threshold: $threshold
     displacement: $displacement
     penetration: $penetration
-  exact: {type: collide_sdf, mode: project, surface: press.surface, sdf: inputs.sdf, margin: $margin}
-  figures:
-    type: measure
-    surface: exact.surface
-    rest: inputs.surface
-    sdf: inputs.sdf
-    tets: tets
-    points: press.points
-    lattice: tets.lattice
-    report: press.report
-    face_samples: $face_samples
-outputs:
-  surface: exact.surface
-  report: figures.report
-  volume_change: figures.volume_change
-  points: press.points
-  state: press.state
-  tets: tets.tets
-  lattice: tets.lattice
-)";
+)",
+    .outputs = R"(  state: press.state
+)",
+};
 
 }  // namespace
 
 void register_deform_equilibrium(Registry& registry) {
-  registry.add({"deform_equilibrium", 1, kManual, nullptr, [] {
-                  static const GraphSpec group = read_graph_text(kGraph, "the built-in graph of deform_equilibrium");
+  registry.add({"deform_equilibrium", 1, kManual.text(), nullptr, [] {
+                  static const GraphSpec group = read_graph_text(kGraph.text(), "the built-in graph of deform_equilibrium");
                   return group;
                 }});
 }

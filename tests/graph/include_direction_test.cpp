@@ -73,7 +73,7 @@ std::string said(const Include& include) {
 TEST(IncludeDirection, IsOneWay) {
   const std::map<std::string, std::set<std::string>> may_see{{"graph", {"graph"}},
                                                              {"kernels", {"kernels", "graph"}},
-                                                             {"nodes", {"graph", "kernels", "io"}},
+                                                             {"nodes", {"nodes", "graph", "kernels", "io"}},
                                                              {"io", {"io", "graph", "kernels"}},
                                                              {"app", {"app", "graph", "io"}}};
   for (const char* room : kRooms) {
@@ -140,9 +140,11 @@ TEST(IncludeDirection, WhatAllKernelsShareSeesNoRoom) {
 }
 
 TEST(IncludeDirection, NobodyIncludesNodesOrApp) {
+  // But for the words that the two nodes of the whole job share.
+  const std::set<std::string> excused{"nodes/deform_parts.h"};
   for (const char* room : kRooms)
     for (const Include& include : includes_of(room)) {
-      EXPECT_NE(room_of(include.what), "nodes") << said(include);
+      EXPECT_TRUE(room_of(include.what) != "nodes" || (std::string(room) == "nodes" && excused.count(include.what))) << said(include);
       EXPECT_TRUE(std::string(room) == "app" || room_of(include.what) != "app") << said(include);
     }
 }
