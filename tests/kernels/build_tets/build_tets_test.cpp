@@ -2,36 +2,17 @@
 
 #include <gtest/gtest.h>
 
-#include <filesystem>
 #include <random>
 
 #include "graph/error.h"
-#include "io/mesh/mesh_io.h"
-#include "kernels/shapes/primitives.h"
 #include "tests/kernels/build_tets/tet_properties.h"
-#include "tests/paths.h"
+#include "tests/kernels/triangle_soup.h"
 
 namespace knead {
 namespace tet_build_test {
 
 using tet_build_properties::components;
 using tet_build_properties::wrong;
-
-struct Triangles {
-  std::vector<Vec3f> points;
-  std::vector<uint32_t> corners;
-
-  Triangles() = default;
-  explicit Triangles(const Surface& surface)
-      : points(surface.points.host().begin(), surface.points.host().end()), corners(surface.topology->triangles) {}
-  Triangles& add(const Surface& surface, const Vec3f& shift) {
-    const uint32_t first = static_cast<uint32_t>(points.size());
-    for (const Vec3f& p : surface.points.host()) points.push_back(p + shift);
-    for (const uint32_t v : surface.topology->triangles) corners.push_back(first + v);
-    return *this;
-  }
-  Surface surface() const { return make_triangle_surface(points, corners); }
-};
 
 BuiltTets built(const Surface& surface, const BuildTetsOptions& options = {}, std::vector<std::string>* warnings = nullptr, int threads = 2) {
   std::vector<std::string> said;
@@ -95,7 +76,7 @@ TEST(BuiltTets, FingersCloserThanACellComeApart) {
   // Cells of the finest level are 0.1 wide; the gap is a tenth of that.
   for (const double gap : {0.01, 0.002})
     for (const Surface& finger : {make_capsule(0.2, 3, 8), make_box({0.4, 3, 0.4}, 12)}) {
-      Triangles two(finger);
+      TriangleSoup two(finger);
       const uint32_t each = static_cast<uint32_t>(two.points.size());
       two.add(finger, {static_cast<float>(0.4 + gap), 0.03f, 0.01f});
       const Surface hand = two.surface();
@@ -116,18 +97,18 @@ TEST(BuiltTets, FingersCloserThanACellComeApart) {
 // Two prongs on one base: the gap opens and H still hangs together through the base.
 TEST(BuiltTets, ProngsOfAForkComeApartUpToTheirBase) {
   const float gap = 0.02f, high = 2, base = 0.5f;
-  Triangles fork;  // a U in the xy plane, extruded along z: two columns and a bar, made of one closed outline
+  TriangleSoup fork;  // a U in the xy plane, extruded along z: two columns and a bar, made of one closed outline
   const std::vector<std::array<float, 2>> outline{{0, 0},       {1 + gap, 0}, {1 + gap, high}, {0.5f + gap, high}, {0.5f + gap, base},
                                                   {0.5f, base}, {0.5f, high}, {0, high}};
   for (const float z : {0.0f, 0.5f})
     for (const auto& p : outline) fork.points.push_back({p[0], p[1], z});
   for (uint32_t i = 0; i < 8; ++i) {
     const uint32_t j = (i + 1) % 8;
-    fork.corners.insert(fork.corners.end(), {i, j, 8 + j, i, 8 + j, 8 + i});
+    fork.triangles.insert(fork.triangles.end(), {i, j, 8 + j, i, 8 + j, 8 + i});
   }
   for (const auto& t : std::vector<std::array<uint32_t, 3>>{{0, 1, 4}, {0, 4, 5}, {1, 2, 3}, {1, 3, 4}, {0, 5, 6}, {0, 6, 7}}) {
-    fork.corners.insert(fork.corners.end(), {t[0], t[2], t[1]});
-    fork.corners.insert(fork.corners.end(), {8 + t[0], 8 + t[1], 8 + t[2]});
+    fork.triangles.insert(fork.triangles.end(), {t[0], t[2], t[1]});
+    fork.triangles.insert(fork.triangles.end(), {8 + t[0], 8 + t[1], 8 + t[2]});
   }
   const Surface surface = fork.surface();
   std::vector<std::string> warnings;
@@ -165,28 +146,28 @@ TEST(BuiltTets, ScaleOffsetAndOrderOfVerticesDoNotChangeH) {
     }
   };
   for (const float scale : {1e-4f, 1e4f}) {
-    Triangles scaled(head);
+    TriangleSoup scaled(head);
     for (Vec3f& p : scaled.points) p = scale * p;
     same(built(scaled.surface()), "scaled");
   }
-  Triangles moved(head);
+  TriangleSoup moved(head);
   for (Vec3f& p : moved.points) p += {64, -32, 16};
-  Triangles back = moved;  // rounding as in `moved`, at the old place
+  TriangleSoup back = moved;  // rounding as in `moved`, at the old place
   for (Vec3f& p : back.points) p += {-64, 32, -16};
   const BuiltTets there = built(moved.surface()), here = built(back.surface());
   EXPECT_TRUE(std::ranges::equal(there.tets.tets.host(), here.tets.tets.host()));
-  Triangles turned(head);
+  TriangleSoup turned(head);
   const uint32_t n = static_cast<uint32_t>(turned.points.size());
   std::reverse(turned.points.begin(), turned.points.end());
-  for (uint32_t& v : turned.corners) v = n - 1 - v;
-  std::reverse(turned.corners.begin(), turned.corners.end());
-  for (size_t t = 0; t < turned.corners.size(); t += 3) std::swap(turned.corners[t], turned.corners[t + 1]);
+  for (uint32_t& v : turned.triangles) v = n - 1 - v;
+  std::reverse(turned.triangles.begin(), turned.triangles.end());
+  for (size_t t = 0; t < turned.triangles.size(); t += 3) std::swap(turned.triangles[t], turned.triangles[t + 1]);
   const Surface reversed = turned.surface();
   same(built(reversed), "reversed");
 }
 
 TEST(BuiltTets, SymmetryPlanesDoNotFallOnCellFaces) {
-  Triangles shaken(make_box({1, 1, 1}, 8));
+  TriangleSoup shaken(make_box({1, 1, 1}, 8));
   const BuiltTets plain = built(shaken.surface(), {.max_depth = 6, .max_vertices = 1});
   std::mt19937 random(1);
   for (Vec3f& p : shaken.points)
@@ -196,7 +177,7 @@ TEST(BuiltTets, SymmetryPlanesDoNotFallOnCellFaces) {
 }
 
 TEST(BuiltTets, LooseVerticesFollowTheNearestCellAndDoNotMoveTheBody) {
-  Triangles sphere(make_sphere(1, 2));
+  TriangleSoup sphere(make_sphere(1, 2));
   const uint32_t loose = static_cast<uint32_t>(sphere.points.size());
   sphere.points.insert(sphere.points.end(), {{0.1f, 0, 0}, {50, 0, 0}, {1e30f, -1e30f, 0}, {NAN, 0, 0}, {0, INFINITY, 0}});
   const Surface surface = sphere.surface();
@@ -222,25 +203,25 @@ TEST(BuiltTets, LooseVerticesFollowTheNearestCellAndDoNotMoveTheBody) {
 
 TEST(BuiltTets, SaysWhatItAssumed) {
   std::vector<std::string> warnings;
-  Triangles open(make_sphere(1, 3));
-  open.corners.resize(open.corners.size() - 30);
+  TriangleSoup open(make_sphere(1, 3));
+  open.triangles.resize(open.triangles.size() - 30);
   const double whole = built(make_sphere(1, 3)).tet_volume;
   EXPECT_NEAR(built(open.surface(), {}, &warnings).tet_volume, whole, 0.05 * whole);  // inside is kept although a hole leads there
   EXPECT_TRUE(says(warnings, "open"));
 
-  Triangles inward(make_sphere(1, 3));
-  for (size_t t = 0; t < inward.corners.size(); t += 3) std::swap(inward.corners[t], inward.corners[t + 1]);
+  TriangleSoup inward(make_sphere(1, 3));
+  for (size_t t = 0; t < inward.triangles.size(); t += 3) std::swap(inward.triangles[t], inward.triangles[t + 1]);
   EXPECT_EQ(built(inward.surface(), {}, &warnings).tet_volume, whole);
   EXPECT_TRUE(says(warnings, "inwards"));
 
-  Triangles mixed(make_sphere(1, 3));
-  for (size_t t = 0; t < mixed.corners.size(); t += 9) std::swap(mixed.corners[t], mixed.corners[t + 1]);
+  TriangleSoup mixed(make_sphere(1, 3));
+  for (size_t t = 0; t < mixed.triangles.size(); t += 9) std::swap(mixed.triangles[t], mixed.triangles[t + 1]);
   EXPECT_EQ(built(mixed.surface(), {}, &warnings).tet_volume, whole);
   EXPECT_TRUE(says(warnings, "orientation"));
 
-  Triangles book(make_sphere(1, 3));
+  TriangleSoup book(make_sphere(1, 3));
   book.points.push_back({2, 0, 0});
-  book.corners.insert(book.corners.end(), {book.corners[0], book.corners[1], static_cast<uint32_t>(book.points.size() - 1)});
+  book.triangles.insert(book.triangles.end(), {book.triangles[0], book.triangles[1], static_cast<uint32_t>(book.points.size() - 1)});
   built(book.surface(), {}, &warnings);
   EXPECT_TRUE(says(warnings, "manifold"));
 
@@ -254,9 +235,9 @@ TEST(BuiltTets, SaysWhatItAssumed) {
 
 TEST(BuiltTets, SoupOfAClosedSurfaceIsTheSurface) {
   const Surface sphere = make_sphere(1, 3);
-  Triangles soup;
+  TriangleSoup soup;
   for (const uint32_t v : sphere.topology->triangles) {
-    soup.corners.push_back(static_cast<uint32_t>(soup.points.size()));
+    soup.triangles.push_back(static_cast<uint32_t>(soup.points.size()));
     soup.points.push_back(sphere.points.host()[v]);
   }
   std::vector<std::string> warnings;
@@ -275,149 +256,6 @@ TEST(BuiltTets, RefusesOnlyWhatHasNoTriangles) {
 }
 
 // --- bad meshes ---
-
-Triangles random_soup(std::mt19937& random, uint32_t count, bool shared) {
-  std::uniform_real_distribution<float> place(-1, 1), small(-0.2f, 0.2f);
-  Triangles soup;
-  for (uint32_t t = 0; t < count; ++t) {
-    const Vec3f at{place(random), place(random), place(random)};
-    const float size = random() % 4 == 0 ? 5.0f : 1.0f;
-    for (int k = 0; k < 3; ++k) {
-      soup.corners.push_back(static_cast<uint32_t>(soup.points.size()));
-      soup.points.push_back(at + size * Vec3f{small(random), small(random), small(random)});
-    }
-  }
-  if (shared)
-    for (uint32_t& v : soup.corners) v = random() % std::min<uint32_t>(12, static_cast<uint32_t>(soup.points.size()));
-  return soup;
-}
-
-Triangles bad_mesh(int kind, uint32_t seed) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<float> unit(-1, 1);
-  Triangles mesh(seed % 2 == 0 ? make_sphere(1, 2) : make_torus(1, 0.3, 14));
-  const auto shake = [&](float size) {
-    for (Vec3f& p : mesh.points) p += size * Vec3f{unit(random), unit(random), unit(random)};
-  };
-  const auto drop = [&](uint32_t one_in) {
-    std::vector<uint32_t> kept;
-    for (size_t t = 0; t < mesh.corners.size(); t += 3)
-      if (random() % one_in != 0)
-        kept.insert(kept.end(), mesh.corners.begin() + static_cast<ptrdiff_t>(t), mesh.corners.begin() + static_cast<ptrdiff_t>(t) + 3);
-    mesh.corners = kept;
-  };
-  switch (kind) {
-    case 0: return random_soup(random, 1 + random() % 60, false);
-    case 1: return random_soup(random, 1 + random() % 60, true);  // any three of twelve points
-    case 2: drop(2 + random() % 9); return mesh;                  // holes
-    case 3: shake(0.4f); return mesh;                             // through itself
-    case 4:                                                       // turned here and there
-      for (size_t t = 0; t < mesh.corners.size(); t += 3)
-        if (random() % 3 == 0) std::swap(mesh.corners[t], mesh.corners[t + 1]);
-      return mesh;
-    case 5: {  // every face twice, once the other way
-      const std::vector<uint32_t> once = mesh.corners;
-      for (size_t t = 0; t < once.size(); t += 3)
-        mesh.corners.insert(mesh.corners.end(), {once[t + random() % 2], once[t + random() % 3], once[t + 2]});
-      return mesh;
-    }
-    case 6:  // flat, on a plane of the grid or askew
-      for (Vec3f& p : mesh.points) p.z = seed % 3 == 0 ? 0.0f : 0.25f * p.x;
-      return mesh;
-    case 7: mesh.add(make_box({1.5, 0.2, 0.7}, 3), {unit(random), unit(random), unit(random)}).add(make_sphere(0.4, 1), {0, 0, 0}); return mesh;
-    case 8: {  // one triangle, down to a needle
-      Triangles one;
-      one.points = {{0, 0, 0}, {1, unit(random), unit(random)}, {unit(random), std::pow(10.0f, -static_cast<float>(seed % 8)), 0}};
-      one.corners = {0, 1, 2};
-      return one;
-    }
-    case 9: {  // sheets nearly upon each other
-      Triangles sheets;
-      for (int s = 0; s < 6; ++s) {
-        Triangles sheet = mesh;
-        for (Vec3f& p : sheet.points) p.y = 0;
-        sheets.add(sheet.surface(), {0, static_cast<float>(s) * 1e-3f * std::abs(unit(random)), 0});
-      }
-      return sheets;
-    }
-    case 10: {  // many leaves on one spine
-      Triangles book;
-      book.points = {{0, -1, 0}, {0, 1, 0}};
-      for (uint32_t leaf = 0; leaf < 2 + seed % 20; ++leaf) {
-        book.points.push_back({unit(random), unit(random), unit(random)});
-        book.corners.insert(book.corners.end(), {0, 1, leaf + 2});
-      }
-      return book;
-    }
-    case 11:  // long splinters through everything
-      for (size_t v = 0; v < mesh.points.size(); v += 7) mesh.points[v] = 6.0f * Vec3f{unit(random), unit(random), unit(random)};
-      return mesh;
-    case 12: {  // faces on the planes of a grid, some missing
-      mesh = Triangles(make_box({1, 1, 1}, 4));
-      mesh.add(make_box({0.5, 0.5, 0.5}, 2), {0.75f, 0, 0});
-      drop(8);
-      return mesh;
-    }
-    case 13: {  // fingers and slits of all widths
-      mesh = Triangles();
-      for (int f = 0; f < 7; ++f)
-        mesh.add(make_box({0.1, 1 + 0.1 * unit(random), 0.2}, 4), {0.1f * static_cast<float>(f) + 0.004f * unit(random), 0, 0.05f * unit(random)});
-      if (seed % 2 == 0) mesh.add(make_box({0.9, 0.3, 0.3}, 5), {0.3f, -0.5f, 0});
-      return mesh;
-    }
-    default: {  // collapsed faces and pairs of equal vertices
-      for (int i = 0; i < 30; ++i) mesh.corners[random() % mesh.corners.size()] = mesh.corners[random() % mesh.corners.size()];
-      for (int i = 0; i < 10; ++i) mesh.points[random() % mesh.points.size()] = mesh.points[random() % mesh.points.size()];
-      return mesh;
-    }
-  }
-}
-
-TEST(BuiltTets, BadMeshesGiveAGoodH) {
-  const auto executor = make_cpu_executor(2);
-  int count = 0;
-  size_t split = 0;
-  for (int kind = 0; kind < 15; ++kind)
-    for (uint32_t seed = 0; seed < 14; ++seed) {
-      const Surface surface = bad_mesh(kind, 100 * static_cast<uint32_t>(kind) + seed).surface();
-      if (surface.topology->triangles.empty()) continue;
-      const LatticeKind lattice = static_cast<LatticeKind>(seed % 3);
-      const BuildTetsOptions options{.max_depth = 3 + static_cast<int>(seed % 2),
-                                     .min_depth = static_cast<int>(seed % 4),
-                                     .max_vertices = 1 + static_cast<int>(seed),
-                                     .split_pieces = seed % 5 != 0,
-                                     .lattice = lattice};
-      std::vector<std::string> warnings;
-      const BuiltTets build = build_tets(surface, options, *executor, warnings);
-      ASSERT_EQ(wrong(build, surface, lattice), "") << "kind " << kind << ", seed " << seed;
-      split += build.pieces_split;
-      ++count;
-    }
-  EXPECT_GE(count, 200);
-  EXPECT_GT(split, 500u);
-}
-
-TEST(BuiltTets, SharedMeshesGiveAGoodH) {
-  if (!std::filesystem::exists(shared_data())) GTEST_SKIP() << "no meshes at " << shared_data();
-  const auto executor = make_cpu_executor(2);
-  int count = 0;
-  for (const char* folder : {"heads", "organic", "problem", "colliders", "press", "formats"})
-    for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(shared_data()) / folder)) {
-      const std::string name = entry.path().extension().string();
-      if ((name != ".obj" && name != ".ply" && name != ".stl") || entry.file_size() > 700'000) continue;
-      Surface surface;
-      std::vector<std::string> warnings;
-      try {
-        surface = read_surface(entry.path(), warnings);
-      } catch (const Error&) {
-        continue;  // a file that the reader refuses
-      }
-      const BuiltTets build = build_tets(surface, {.max_depth = 5, .max_vertices = 8}, *executor, warnings);
-      EXPECT_EQ(wrong(build, surface), "") << entry.path();
-      ++count;
-    }
-  EXPECT_GE(count, 40);
-}
 
 }  // namespace tet_build_test
 }  // namespace knead

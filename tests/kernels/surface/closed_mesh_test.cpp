@@ -4,9 +4,9 @@
 
 #include <map>
 
-#include "kernels/shapes/primitives.h"
 #include "kernels/surface/mesh_distance.h"
 #include "kernels/surface/winding_number.h"
+#include "tests/kernels/triangle_soup.h"
 
 namespace {
 
@@ -14,22 +14,8 @@ using knead::ClosedMesh;
 using knead::Vec3d;
 using knead::Vec3f;
 
-struct ClosedMeshInput {
-  std::vector<Vec3f> points;
-  std::vector<uint32_t> triangles;
-
-  explicit ClosedMeshInput(const knead::Surface& surface)
-      : points(surface.points.host().begin(), surface.points.host().end()), triangles(surface.topology->triangles) {}
-  void add(const knead::Surface& surface, bool reversed) {
-    const uint32_t base = static_cast<uint32_t>(points.size());
-    for (const Vec3f& p : surface.points.host()) points.push_back(p);
-    for (size_t k = 0; k < surface.topology->triangles.size(); k += 3) {
-      triangles.push_back(base + surface.topology->triangles[k]);
-      triangles.push_back(base + surface.topology->triangles[k + (reversed ? 2 : 1)]);
-      triangles.push_back(base + surface.topology->triangles[k + (reversed ? 1 : 2)]);
-    }
-  }
-  void turn(size_t t) { std::swap(triangles[3 * t + 1], triangles[3 * t + 2]); }
+struct ClosedMeshInput : knead::TriangleSoup {
+  using TriangleSoup::TriangleSoup;
   ClosedMesh close() const { return knead::close_mesh(points, triangles); }
 };
 
@@ -84,7 +70,7 @@ TEST(ClosedMesh, MakesMixedNeighboursAgree) {
 TEST(ClosedMesh, KeepsACavityAndTurnsItWithItsShell) {
   for (const bool all_inside_out : {false, true}) {
     ClosedMeshInput input(knead::make_sphere(2, 3));
-    input.add(knead::make_sphere(1, 3), true);
+    input.add(knead::make_sphere(1, 3), {0, 0, 0}, true);
     if (all_inside_out)
       for (size_t t = 0; t < input.triangles.size() / 3; ++t) input.turn(t);
     const ClosedMesh mesh = input.close();

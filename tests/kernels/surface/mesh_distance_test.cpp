@@ -5,8 +5,8 @@
 #include <random>
 
 #include "graph/error.h"
-#include "kernels/shapes/primitives.h"
 #include "kernels/surface/winding_number.h"
+#include "tests/kernels/triangle_soup.h"
 
 namespace {
 
@@ -15,17 +15,7 @@ using knead::SignedDistance;
 using knead::Vec3d;
 using knead::Vec3f;
 
-struct DistanceSoup {
-  std::vector<Vec3f> points;
-  std::vector<uint32_t> triangles;
-
-  void add(const knead::Surface& surface, Vec3f offset = {0, 0, 0}, bool reversed = false) {
-    const uint32_t base = static_cast<uint32_t>(points.size());
-    for (const Vec3f& p : surface.points.host()) points.push_back(p + offset);
-    const auto& t = surface.topology->triangles;
-    for (size_t k = 0; k < t.size(); k += 3)
-      for (size_t c : {size_t{0}, reversed ? size_t{2} : size_t{1}, reversed ? size_t{1} : size_t{2}}) triangles.push_back(base + t[k + c]);
-  }
+struct DistanceSoup : knead::TriangleSoup {
   MeshDistance distance() const { return MeshDistance(std::span<const Vec3f>(points), triangles); }
 };
 
