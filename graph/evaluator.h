@@ -1,9 +1,9 @@
 // Evaluates a plan: any frame, in any order, on any number of threads, with the same bits. Thread-safe.
 //
 // Evaluation for given targets: keys in topological order (node type and version, parameters, input keys, frame where it matters), then only what the
-// cache lacks runs, independent nodes at once. Values between nodes are moved here: a node that runs on the device gets its inputs there, one that runs
-// on the host gets them back, and a buffer is copied once for all its readers. Kernels copy besides what is theirs alone: tables that they keep on a
-// device, and figures by which the host decides. Both kinds are counted, apart from each other. A node that fails stops only what needs it.
+// cache lacks runs, independent nodes at once. Values between nodes are moved here: a node that runs on the device gets its inputs there, one that
+// runs on the host gets them back, and a buffer is copied once for all its readers. Kernels copy besides what is theirs alone: tables that they keep
+// on a device, and figures by which the host decides. Both kinds are counted, apart from each other. A node that fails stops only what needs it.
 #pragma once
 #include <functional>
 #include <map>
@@ -62,9 +62,9 @@ class Evaluator {
   // of the caller (an unknown reference); what goes wrong in the frame comes back in `error`.
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
-  // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does not
-  // depend on the frame is computed first, once, and so are the first frame's nodes that make what all share; their times are in the first frame's
-  // result. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the others;
+  // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does
+  // not depend on the frame is computed first, once, and so are the first frame's nodes that make what all share; their times are in the first
+  // frame's result. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the others;
   // cancellation does: frames not finished are not reported.
   void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                        const std::function<void(FrameResult)>& done);

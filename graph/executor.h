@@ -48,8 +48,8 @@ class Executor {
   // once.
   virtual void run_graph(const std::vector<std::vector<int>>& successors, const std::vector<int>& waits_for, FunctionRef<void(int)> task) = 0;
 
-  // Copies bytes between devices; both ends must be the host or this executor's device. The evaluator calls it to move buffers, and kernels for tables
-  // of their own and for figures to decide by.
+  // Copies bytes between devices; both ends must be the host or this executor's device. The evaluator calls it to move buffers, and kernels for
+  // tables of their own and for figures to decide by.
   virtual void copy(const void* from, Device from_device, void* to, Device to_device, size_t bytes) = 0;
   virtual Transfers transfers() const { return {}; }  // all copies so far between the host and a device; none on the host
   virtual void synchronise() {}

@@ -42,7 +42,8 @@ void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vecto
 
 namespace {
 
-// Lanes on threads of their own, which may wait for each other at the device: a thread of the host executor's must not, for the others would wait for it.
+// Lanes on threads of their own, which may wait for each other at the device: a thread of the host executor's must not, for the others would wait for
+// it.
 void run_on_threads(Executor& device, size_t lanes, FunctionRef<void()> lane) {
   std::mutex mutex;
   std::exception_ptr error;

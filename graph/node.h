@@ -154,8 +154,8 @@ class Node {
   // Writes something outside the graph (a file): always run, never cached.
   virtual bool has_effect() const { return false; }
   virtual Runs runs() const { return Runs::kHost; }
-  // Most of its work is a part that all frames share (Context::once). The first frame's is made before others run beside it: these would only wait for the
-  // part, and it has all threads to itself.
+  // Most of its work is a part that all frames share (Context::once). The first frame's is made before others run beside it: these would only wait
+  // for the part, and it has all threads to itself.
   virtual bool shares_parts() const { return false; }
   // What became of an input or parameter that an earlier version had, for the error about it; empty: there was none.
   virtual std::string what_became_of(const std::string& /*member*/) const { return {}; }

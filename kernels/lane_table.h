@@ -18,8 +18,8 @@ struct LaneTable {
   size_t entries = 0;
   uint32_t lanes = 0;
 
-  // The k-th neighbour of lane t, or of the lanes from t on in its block. Entries of lanes that have no more neighbours contribute zero by the table's
-  // contract.
+  // The k-th neighbour of lane t, or of the lanes from t on in its block. Entries of lanes that have no more neighbours contribute zero by the
+  // table's contract.
   KNEAD_HD bool has(uint32_t t, uint32_t k) const { return k * kBlock < block_offsets[t / kBlock + 1] - block_offsets[t / kBlock]; }
   KNEAD_HD size_t entry(uint32_t t, uint32_t k) const { return static_cast<size_t>(block_offsets[t / kBlock]) + k * kBlock + t % kBlock; }
 };

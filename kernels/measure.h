@@ -12,8 +12,8 @@ namespace knead {
 
 class MeshDistance;
 
-// Signed distances to the union of colliders, in world units. Exact against a collider's triangles where it has them, else trilinear samples of its grid. The
-// colliders must outlive it.
+// Signed distances to the union of colliders, in world units. Exact against a collider's triangles where it has them, else trilinear samples of its
+// grid. The colliders must outlive it.
 class ColliderDistance {
  public:
   void add(const Sdf& sdf);                                             // sampled
@@ -36,7 +36,8 @@ struct Penetration {
   size_t vertices_inside = 0;
 };
 
-// Over M's vertices, and over a barycentric grid of at most `face_samples` points on every triangle, its corners among them (1: the centroid; 0: none).
+// Over M's vertices, and over a barycentric grid of at most `face_samples` points on every triangle, its corners among them (1: the centroid; 0:
+// none).
 Penetration measure_penetration(Executor& executor, const Surface& surface, const ColliderDistance& colliders, int face_samples);
 
 // Enclosed by the triangles, positive when they face outwards; local units cubed, in double about the first vertex.

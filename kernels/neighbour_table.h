@@ -27,9 +27,9 @@ enum class PadIndex { kOwnVertex, kZero };
 // Which vertices get a lane: all of them, or only those that have a neighbour.
 enum class Lanes { kAll, kWithNeighbours };
 
-// Lanes are sorted by valence, descending, within windows of vertices; equal valences keep the order of the vertices. Over all of H's vertices at once,
-// as in the paper, each valence would be a tour through the whole body, and every tour would fetch all positions from memory again; a window's stay in
-// the nearest cache.
+// Lanes are sorted by valence, descending, within windows of vertices; equal valences keep the order of the vertices. Over all of H's vertices at
+// once, as in the paper, each valence would be a tour through the whole body, and every tour would fetch all positions from memory again; a window's
+// stay in the nearest cache.
 inline constexpr uint32_t kSortWindow = 4096;  // a multiple of NeighbourTable::kLaneBlock
 
 // A vertex's neighbours keep their order.

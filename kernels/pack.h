@@ -1,6 +1,6 @@
-// SIMD lanes for kernel bodies. A body is a template over its lane type F: float, or pack<W>, W floats side by side (GCC and Clang vector extension: + - * /,
-// comparisons and `mask ? a : b` are the language's own). Lane<F> has what the language lacks. A body that is written with both serves the serial
-// executor, the CPU's vectors and the GPU.
+// SIMD lanes for kernel bodies. A body is a template over its lane type F: float, or pack<W>, W floats side by side (GCC and Clang vector extension:
+// + - * /, comparisons and `mask ? a : b` are the language's own). Lane<F> has what the language lacks. A body that is written with both serves the
+// serial executor, the CPU's vectors and the GPU.
 #pragma once
 #include <cstdint>
 #if defined(__SSE2__) && !defined(__CUDACC__)  // nvcc knows no vector types; a device lane is a float
@@ -96,7 +96,8 @@ KNEAD_HD Pack<8> rough_inverse_root(Pack<8> v) {
 }
 #endif
 #if defined(__AVX512F__)
-// The zeroing forms with a full mask compile to the plain instructions, without GCC 12's false warnings about the plain intrinsics' undefined operand.
+// The zeroing forms with a full mask compile to the plain instructions, without GCC 12's false warnings about the plain intrinsics' undefined
+// operand.
 KNEAD_HD Pack<16> four_rows(const Vec3f* v, const uint32_t* i, Pack<16>) {
   __m512 r = _mm512_zextps128_ps512(row(v, i[0]));
   r = _mm512_maskz_insertf32x4(0xffff, r, row(v, i[4]), 1);

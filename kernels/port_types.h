@@ -1,9 +1,9 @@
 // The plain data that travels between Knead's nodes, as port types.
 //
-// Spaces. *World* is the user's own units, in double where it is composed. Every Surface and Sdf has a *local* space in which its float32 data is small and
-// accurate, and a `placement` that takes local to world. H and everything inside the loop lives in *tet space*: local units of M divided by the finest
-// octree cell, about the centre of M, along axes that M carries with it (kernels/surface/principal_frame.h), so that an offset of 1e6 or a scale of 1e-4 costs no
-// precision, parameters are dimensionless, and a body that was turned before it was written gets the same H.
+// Spaces. *World* is the user's own units, in double where it is composed. Every Surface and Sdf has a *local* space in which its float32 data is
+// small and accurate, and a `placement` that takes local to world. H and everything inside the loop lives in *tet space*: local units of M divided by
+// the finest octree cell, about the centre of M, along axes that M carries with it (kernels/surface/principal_frame.h), so that an offset of 1e6 or a
+// scale of 1e-4 costs no precision, parameters are dimensionless, and a body that was turned before it was written gets the same H.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -89,11 +89,11 @@ struct Weights {
 };
 
 // Neighbours of every vertex, valence-sorted (paper Fig. 2). Lane t is vertex order[t]; lanes are sorted by valence, descending, within windows. Each
-// block of kLaneBlock lanes lies by itself: the first neighbours of its lanes side by side, then the second ones, up to its largest valence. Neighbour k
-// of lane t is entry block_offsets[t / kLaneBlock] + k * kLaneBlock + t % kLaneBlock. The paper has the k-th neighbours of all lanes side by side
-// instead: the same entries, but a pass then reads as many streams as the largest valence, which a CPU cannot prefetch (docs/benchmarks.md). Places
-// without a neighbour are entries whose contribution is exactly zero (`columns` index arrays of the lane's own vertex, or of vertex 0 in maps, `values`
-// zero), so that a block of lanes needs no mask.
+// block of kLaneBlock lanes lies by itself: the first neighbours of its lanes side by side, then the second ones, up to its largest valence.
+// Neighbour k of lane t is entry block_offsets[t / kLaneBlock] + k * kLaneBlock + t % kLaneBlock. The paper has the k-th neighbours of all lanes side
+// by side instead: the same entries, but a pass then reads as many streams as the largest valence, which a CPU cannot prefetch (docs/benchmarks.md).
+// Places without a neighbour are entries whose contribution is exactly zero (`columns` index arrays of the lane's own vertex, or of vertex 0 in maps,
+// `values` zero), so that a block of lanes needs no mask.
 struct NeighbourTable {
   static constexpr uint32_t kLaneBlock = 16;
   uint32_t lanes = 0;              // vertices

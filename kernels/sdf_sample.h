@@ -1,11 +1,12 @@
-// Sampling of a NanoVDB level set, one body for host and device. Positions are in index space, where voxel centres are whole numbers and the distance between
-// two of them is one voxel; values come back in the grid's own units. Outside the grid every value is the positive background.
+// Sampling of a NanoVDB level set, one body for host and device. Positions are in index space, where voxel centres are whole numbers and the distance
+// between two of them is one voxel; values come back in the grid's own units. Outside the grid every value is the positive background.
 //
-// For energies there is `spline`: value and gradient of the quadratic B-spline of the 27 voxels around p, which belong together and are both continuous.
-// Where the field is curved it lies a fraction of a voxel off: h^2 / 8 times the Laplacian.
+// For energies there is `spline`: value and gradient of the quadratic B-spline of the 27 voxels around p, which belong together and are both
+// continuous. Where the field is curved it lies a fraction of a voxel off: h^2 / 8 times the Laplacian.
 //
-// Two other gradients: that of the trilinear interpolant is consistent with the value but jumps where a voxel ends; the smooth one interpolates central
-// differences, is continuous, and is what pushes use, so that a slow motion of the collider turns normals slowly. It looks at 32 voxels instead of 8.
+// Two other gradients: that of the trilinear interpolant is consistent with the value but jumps where a voxel ends; the smooth one interpolates
+// central differences, is continuous, and is what pushes use, so that a slow motion of the collider turns normals slowly. It looks at 32 voxels
+// instead of 8.
 #pragma once
 #include <nanovdb/NanoVDB.h>
 

@@ -24,9 +24,9 @@ std::string counted(size_t n, const char* one, const char* many) {
   return std::to_string(n) + " " + (n == 1 ? one : many);
 }
 
-// The cube stands along M's own axes, so that it turns with M. It is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off M's
-// middle, which are never near a multiple of any cell size: the middle planes and the outer planes of a symmetric body do not fall on cell faces, where
-// rounding would decide which cell they belong to.
+// The cube stands along M's own axes, so that it turns with M. It is 1/32 wider than M and its middle lies thirds, fifths and sevenths of a 64th off
+// M's middle, which are never near a multiple of any cell size: the middle planes and the outer planes of a symmetric body do not fall on cell faces,
+// where rounding would decide which cell they belong to.
 void place_in_cube(const Surface& surface, SoftBody& body, Executor& executor) {
   const auto local = surface.points.host();
   Similarity frame;

@@ -34,7 +34,8 @@ class Walker {
     bool negative = false;  // the sign of the value before
     for (size_t left = n; left > 0;) {
       uint32_t t = start();
-      // Two vertices to start with and the third: each takes the place of the oldest, so that signs alternate; the order of the corners makes the last fit.
+      // Two vertices to start with and the third: each takes the place of the oldest, so that signs alternate; the order of the corners makes the
+      // last fit.
       std::array<uint32_t, 3> last = triangles_[t];
       const bool last_negative = !negative;
       if (last_negative) std::swap(last[0], last[1]);

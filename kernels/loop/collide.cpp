@@ -186,8 +186,8 @@ std::vector<std::array<double, 2>> sample_weights(int n) {
   return weights;
 }
 
-// Pushes triangles whose samples are inside: each vertex takes the deepest push among its triangles, then goes back outside itself. Gathered, so that the
-// order of triangles does not matter.
+// Pushes triangles whose samples are inside: each vertex takes the deepest push among its triangles, then goes back outside itself. Gathered, so that
+// the order of triangles does not matter.
 double push_samples(Executor& executor, const ProjectInput& input, const Projector& projector, Vec3f* moved) {
   const size_t n = input.points.size(), count = input.triangles.size() / 3;
   const std::vector<std::array<double, 2>> weights = sample_weights(input.samples);

@@ -30,8 +30,8 @@ struct CollideInput {
   std::span<const Vec3f> stand_back;        // per collider: where it begins, away from its place, M's local space, on the executor's device; or empty
 };
 
-// d_i and the new memory for every vertex, and how it went; all on the executor's device. Throws Error(kInput) for more than kMostColliders colliders or a
-// margin beyond a collider's band.
+// d_i and the new memory for every vertex, and how it went; all on the executor's device. Throws Error(kInput) for more than kMostColliders colliders
+// or a margin beyond a collider's band.
 void collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out, ContactProgress* after);
 
 // moved_i = points_i + displacement_i

@@ -4,15 +4,16 @@
 
 namespace knead {
 
-// What takes a moved body back: x + turn (x - centre) + shift, with turn = R^T - 1 and shift = rest centre - centre, so that small motions stay accurate.
+// What takes a moved body back: x + turn (x - centre) + shift, with turn = R^T - 1 and shift = rest centre - centre, so that small motions stay
+// accurate.
 struct RigidMotion {
   float turn[9] = {};  // row-major
   Vec3f centre{0, 0, 0}, shift{0, 0, 0};
   bool moved = false;
 };
 
-// Sums over the vertices of H, each weighted by the volume w of its tets, of its rest position r and its displacement u: what a rigid fit needs. They are
-// taken of u and not of x, so that float32 is accurate to the displacement.
+// Sums over the vertices of H, each weighted by the volume w of its tets, of its rest position r and its displacement u: what a rigid fit needs. They
+// are taken of u and not of x, so that float32 is accurate to the displacement.
 struct RigidSums {
   static constexpr int kSums = 23;  // w, w u.u, w u, w r, w u r^T, w r r^T (upper triangle)
   const Vec3f *now, *rest;

@@ -5,8 +5,8 @@
 
 namespace knead {
 
-// The least-squares step delta of (sum w b b^T + lambda (tr/3) I) delta = sum w b r from its sums. Everything is divided by the trace first, so that neither
-// cells of any size nor flat neighbourhoods leave float's range, and the pivots of the LDL^T stay above the regularisation.
+// The least-squares step delta of (sum w b b^T + lambda (tr/3) I) delta = sum w b r from its sums. Everything is divided by the trace first, so that
+// neither cells of any size nor flat neighbourhoods leave float's range, and the pivots of the LDL^T stay above the regularisation.
 template <class F>
 struct VolumeSystem {
   F xx{}, xy{}, xz{}, yy{}, yz{}, zz{};  // sum w b b^T

@@ -1,5 +1,5 @@
-// The rigid motion that takes H at rest nearest to H now, and what undoes it; see hold.h. The rotation is the one of Horn's quaternion: the eigenvector to
-// the largest eigenvalue of a symmetric 4x4 matrix made of the covariance, found by Jacobi's method. It is never a reflection.
+// The rigid motion that takes H at rest nearest to H now, and what undoes it; see hold.h. The rotation is the one of Horn's quaternion: the
+// eigenvector to the largest eigenvalue of a symmetric 4x4 matrix made of the covariance, found by Jacobi's method. It is never a reflection.
 #pragma once
 #include "graph/executor.h"
 #include "kernels/loop/hold_body.h"

@@ -158,8 +158,8 @@ void face_outwards(ClosedMesh& mesh) {
   }
 }
 
-// The simple loops that the unmatched edges form, each as its vertices in order, against the direction of the triangles at it. There always are such loops:
-// what is left over of closed triangle outlines has as many edges into every vertex as out of it.
+// The simple loops that the unmatched edges form, each as its vertices in order, against the direction of the triangles at it. There always are such
+// loops: what is left over of closed triangle outlines has as many edges into every vertex as out of it.
 std::vector<std::vector<uint32_t>> find_rims(const ClosedMesh& mesh) {
   std::vector<std::pair<uint32_t, uint32_t>> loose;
   EdgeUses(mesh.points.size(), mesh.triangles).each_edge([&](uint32_t low, std::span<const EdgeUse> uses) {

@@ -1,9 +1,9 @@
-// Any triangle soup as the closed, outward-facing boundary of a solid, so that "inside" has a meaning for colliders that are open, inside-out, inconsistently
-// oriented or torn into separate triangles. What had to be assumed comes back in numbers, for warnings.
+// Any triangle soup as the closed, outward-facing boundary of a solid, so that "inside" has a meaning for colliders that are open, inside-out,
+// inconsistently oriented or torn into separate triangles. What had to be assumed comes back in numbers, for warnings.
 //
-// Steps: weld equal positions; drop triangles without area; turn neighbours the same way; turn whole pieces outwards (a piece inside another keeps its
-// orientation relative to that one, so that a reversed inner shell stays a cavity); close what is left open by a cone over each rim to the rim's centre.
-// The result is closed as a chain: every edge is used as often one way as the other, so its winding number is a whole number everywhere.
+// Steps: weld equal positions; drop triangles without area; turn neighbours the same way; turn whole pieces outwards (a piece inside another keeps
+// its orientation relative to that one, so that a reversed inner shell stays a cavity); close what is left open by a cone over each rim to the rim's
+// centre. The result is closed as a chain: every edge is used as often one way as the other, so its winding number is a whole number everywhere.
 #pragma once
 #include <cstdint>
 #include <span>

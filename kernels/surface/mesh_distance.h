@@ -1,8 +1,9 @@
 // Exact signed distance to the solid that a triangle mesh bounds. Embree finds the candidates in float; every distance is evaluated in double.
 //
-// Inside is where the winding number is above one half. The sign comes from the angle-weighted pseudonormal (Baerentzen and Aanaes 2005) of the nearest
-// face, edge or vertex where the mesh is a clean manifold, and from the winding number elsewhere. Where the solid overlaps itself, the triangles that lie
-// inside it do not count as surface. The mesh should be closed (kernels/surface/closed_mesh.h closes any): an open one answers by its winding number near its rim.
+// Inside is where the winding number is above one half. The sign comes from the angle-weighted pseudonormal (Baerentzen and Aanaes 2005) of the
+// nearest face, edge or vertex where the mesh is a clean manifold, and from the winding number elsewhere. Where the solid overlaps itself, the
+// triangles that lie inside it do not count as surface. The mesh should be closed (kernels/surface/closed_mesh.h closes any): an open one answers by
+// its winding number near its rim.
 #pragma once
 #include <cstdint>
 #include <limits>
@@ -26,8 +27,8 @@ struct SignedDistance {
 
 class MeshDistance {
  public:
-  // Copies what it needs. Triangles without area and those with a non-finite corner are passed over. Throws Error(kInput) when none is left or an index is
-  // out of range. An executor makes the preparation parallel.
+  // Copies what it needs. Triangles without area and those with a non-finite corner are passed over. Throws Error(kInput) when none is left or an
+  // index is out of range. An executor makes the preparation parallel.
   MeshDistance(std::span<const Vec3f> points, std::span<const uint32_t> triangles, Executor* executor = nullptr);
   MeshDistance(std::span<const Vec3d> points, std::span<const uint32_t> triangles, Executor* executor = nullptr);
   ~MeshDistance();

@@ -124,8 +124,8 @@ void MeshDistance::Impl::find_normals(const std::vector<uint32_t>& welded, Execu
   }
 }
 
-// True when the solid is just below `at` and not just above it, which is what makes a triangle part of the surface. Both are asked, since two walls may
-// coincide.
+// True when the solid is just below `at` and not just above it, which is what makes a triangle part of the surface. Both are asked, since two walls
+// may coincide.
 bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at) const {
   const Vec3d across = cross(corners[1] - corners[0], corners[2] - corners[0]), normal = unit_or_zero(across);
   const Vec3d offset = (kOverlapOffset * std::sqrt(length(across))) * normal;

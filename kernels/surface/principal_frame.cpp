@@ -8,7 +8,8 @@ namespace knead {
 namespace {
 
 // Float32 coordinates are off by 3e-8 of the body at random, and moments over hundreds of vertices by 1e-9. That over the gap of two eigenvalues is
-// the error of their axes in radians: at this gap no more than 1e-6, and 1e-7 for most. Heads from the front to the back and from the crown to the throat differ by 3e-3.
+// the error of their axes in radians: at this gap no more than 1e-6, and 1e-7 for most. Heads from the front to the back and from the crown to the
+// throat differ by 3e-3.
 constexpr double kLeastGap = 1e-3;       // of the larger eigenvalue
 constexpr double kThinnest = 1e-4;       // of the largest eigenvalue: below this thickness an axis' own moments are noise
 constexpr double kLeastSkewness = 1e-3;  // third moment over the deviation cubed: a thousand times what rounding makes of a symmetric shape
@@ -38,7 +39,8 @@ void each_triangle(std::span<const Vec3f> points, std::span<const uint32_t> tria
   }
 }
 
-// Integral of the cube of a linear function over a triangle, from its corner values, over twice the area: 3! h3 / 5!, h3 the complete symmetric polynomial.
+// Integral of the cube of a linear function over a triangle, from its corner values, over twice the area: 3! h3 / 5!, h3 the complete symmetric
+// polynomial.
 double cubed(double a, double b, double c) {
   const double sum = a + b + c, squares = a * a + b * b + c * c, cubes = a * a * a + b * b * b + c * c * c;
   return (sum * sum * sum + 3 * sum * squares + 2 * cubes) / 120;

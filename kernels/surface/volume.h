@@ -9,8 +9,8 @@
 
 namespace knead {
 
-// The part of one triangle: of the tet from `tip` to it. Over closed triangles the parts add up to what they enclose, wherever the tip is; one amid the
-// body loses no precision.
+// The part of one triangle: of the tet from `tip` to it. Over closed triangles the parts add up to what they enclose, wherever the tip is; one amid
+// the body loses no precision.
 inline double volume_part(const Vec3d& tip, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   return dot(a - tip, cross(b - tip, c - tip)) / 6;
 }
