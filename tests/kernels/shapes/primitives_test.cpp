@@ -10,6 +10,7 @@
 
 #include "graph/error.h"
 #include "kernels/shapes/implicit_mesh.h"
+#include "kernels/surface/volume.h"
 
 namespace knead::primitives_test {
 namespace {
