@@ -2,15 +2,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "io/graph_file.h"
-#include "tests/graph/fake_device.h"
-#include "tests/graph/toys.h"
+#include "tests/graph/on_fake.h"
 
 namespace knead {
 namespace device_loop_test {
 
 using fake_device::FakeDevice;
 using testing::HasSubstr;
+using toys::OnFake;
 
 struct Ran {
   std::vector<double> values;
@@ -182,38 +181,26 @@ TEST(DeviceLoop, LoopsOfSeveralFramesRunAsOne) {
 }
 
 TEST(DeviceLoop, LoopsThatAreNotAlikeAreRunOneAfterTheOther) {
-  const auto plan = compile(
-      read_graph_text("knead: 1\nnodes:\n  v: {type: grow}\n  t: {type: value, value: 8}\n  l: {type: iterate, threshold: 0.1, state: {x: v}, "
-                      "body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
-                      "t.yaml"),
-      toys::options());
-  FakeDevice fake;
-  EvaluatorOptions options;
-  options.executor = &fake.executor;
-  Evaluator evaluator(plan, options);
+  OnFake on(
+      "  v: {type: grow}\n  t: {type: value, value: 8}\n"
+      "  l: {type: iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}");
   size_t done = 0;
-  evaluator.evaluate_frames({1, 2, 3, 4}, {"l"}, false, [&](const FrameResult& result) {
+  on.evaluator.evaluate_frames({1, 2, 3, 4}, {"l"}, false, [&](const FrameResult& result) {
     ASSERT_FALSE(result.error) << result.error->what();
     EXPECT_EQ(result.values.at("l").as<toys::Numbers>().values.size(), static_cast<size_t>((result.frame + 1) / 2));
     EXPECT_NEAR(toys::first(result.values.at("l").as<toys::Numbers>()), 8, 0.2);
     ++done;
   });
   EXPECT_EQ(done, 4u);
-  EXPECT_EQ(fake.executor.figures().joined, 4u) << "in two pairs";
+  EXPECT_EQ(on.fake.executor.figures().joined, 4u) << "in two pairs";
 }
 
 TEST(DeviceLoop, AFrameThatFailsDoesNotHoldUpTheOthers) {
-  const auto plan =
-      compile(read_graph_text("knead: 1\nnodes:\n  f: {type: frame}\n  v: {type: failing, in: f, when: 3}\n  t: {type: value, value: 8}\n  l: {type: "
-                              "iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}",
-                              "t.yaml"),
-              toys::options());
-  FakeDevice fake;
-  EvaluatorOptions options;
-  options.executor = &fake.executor;
-  Evaluator evaluator(plan, options);
+  OnFake on(
+      "  f: {type: frame}\n  v: {type: failing, in: f, when: 3}\n  t: {type: value, value: 8}\n"
+      "  l: {type: iterate, threshold: 0.1, state: {x: v}, body: {r: {type: relax, x: state.x, target: t}}, next: {x: r}}");
   int good = 0, bad = 0;
-  evaluator.evaluate_frames({1, 2, 3, 4, 5}, {"l"}, false, [&](const FrameResult& result) { ++(result.error ? bad : good); });
+  on.evaluator.evaluate_frames({1, 2, 3, 4, 5}, {"l"}, false, [&](const FrameResult& result) { ++(result.error ? bad : good); });
   EXPECT_EQ(good, 4);
   EXPECT_EQ(bad, 1);
 }

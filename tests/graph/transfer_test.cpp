@@ -3,9 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "io/graph_file.h"
-#include "tests/graph/fake_device.h"
-#include "tests/graph/toys.h"
+#include "tests/graph/on_fake.h"
 
 namespace knead {
 namespace transfer_test {
@@ -13,23 +11,8 @@ namespace transfer_test {
 using fake_device::FakeDevice;
 using testing::AllOf;
 using testing::HasSubstr;
-
-std::shared_ptr<const Plan> plan_of(const std::string& nodes) {
-  return compile(read_graph_text("knead: 1\nnodes:\n" + nodes, "t.yaml"), toys::options());
-}
-
-struct OnFake {
-  explicit OnFake(const std::string& nodes, size_t capacity = size_t{1} << 30, int batch = 0)
-      : fake(capacity, batch), evaluator(plan_of(nodes), options()) {}
-  EvaluatorOptions options() {
-    EvaluatorOptions made;
-    made.executor = &fake.executor;
-    return made;
-  }
-  double get(const std::string& output, int frame = 1) { return toys::first(evaluator.get<toys::Numbers>(output, frame)); }
-  FakeDevice fake;
-  Evaluator evaluator;
-};
+using toys::OnFake;
+using toys::plan_of;
 
 TEST(Transfer, BringsInputsToTheDeviceAndResultsBack) {
   OnFake on("  v: {type: value, value: 3, size: 4}\n  d: {type: device_add, in: v}\n  a: {type: add, a: d}");
