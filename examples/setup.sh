@@ -1,6 +1,7 @@
 # Sourced by examples/run.sh and tests/run.sh: the packages that are missing, and a build. Not run by itself.
 #   knead_root       the source tree
 #   knead_packages   installs what cmake/packages.txt names and is not there
+#   knead_configure PRESET           configures build/PRESET
 #   knead_build PRESET [TARGET...]   configures build/PRESET and builds it
 
 knead_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -31,13 +32,18 @@ knead_packages() {
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}"
 }
 
-knead_build() {
-  local preset=$1 log="$knead_root/build/$1/configure.log" targets=()
-  shift
-  [ $# -eq 0 ] || targets=(--target "$@")
+knead_configure() {
+  local preset=$1 log="$knead_root/build/$1/configure.log"
   knead_say "Configuring build/$preset"
   mkdir -p "$(dirname "$log")"
   (cd "$knead_root" && cmake --preset "$preset") >"$log" 2>&1 || { cat "$log"; return 1; }
+}
+
+knead_build() {
+  local preset=$1 targets=()
+  shift
+  [ $# -eq 0 ] || targets=(--target "$@")
+  knead_configure "$preset"
   knead_say "Building build/$preset (minutes at first, seconds later)"
   cmake --build "$knead_root/build/$preset" "${targets[@]}"
 }

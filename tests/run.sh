@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Sets up, builds and runs every test, then the quick ones again under AddressSanitizer and UndefinedBehaviorSanitizer. The last line sums up.
+# Sets up, checks the text (tests/text.sh), builds and runs every test, then the quick ones again under AddressSanitizer and UndefinedBehaviorSanitizer. The last line sums up.
 # Where nvcc is found, the CUDA code is built too, for every architecture; tests that need a device are skipped without one, or fail if KNEAD_REQUIRE_CUDA=1.
-# Tests that are not quick carry the label `slow`. Options are passed on to ctest (-R NAME, --verbose).
+# Tests that are not quick carry the label `slow`. Options are passed on to ctest (-R NAME, --verbose); with options the text is not checked.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/../examples/setup.sh"
+source "$knead_root/tests/text.sh"
 
 passed=0 failed=0 skipped=0
 
@@ -31,7 +32,28 @@ run_tests() {
   [ "$status" -eq 0 ] || [ "$failed" -gt "$failed_before" ] || failed=$((failed + 1))
 }
 
+# check WHAT COMMAND...: a check of the text counts as a test
+check() {
+  local status=0
+  knead_say "Checking $1"
+  shift
+  "$@" || status=$?
+  case $status in
+    0) passed=$((passed + 1)) ;;
+    2) skipped=$((skipped + 1)) ;;
+    *) failed=$((failed + 1)) ;;
+  esac
+}
+
 knead_packages
+if [ $# -eq 0 ]; then
+  check "the format" text_format
+  knead_say "Lengths, for information"
+  text_lengths || true
+  check "that folders say what they hold" text_readmes
+  knead_configure release
+  check "names in what has changed lately" text_names "$knead_root/build/release"
+fi
 knead_build release
 run_tests release "$@"
 knead_build asan-ubsan
