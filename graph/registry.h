@@ -13,10 +13,10 @@ namespace knead {
 
 struct NodeType {
   std::string name;
-  int version = 1;     // part of every cache key: raise it when the same inputs give another result
-  std::string manual;  // the page shown by `knead nodes NAME`
-  std::unique_ptr<Node> (*make)() = nullptr;
-  std::function<GraphSpec()> group = {};  // set instead of `make` for a built-in group: a graph used as a node
+  int version = 1;                                   // part of every cache key: raise it when the same inputs give another result
+  std::string manual;                                // the page shown by `knead nodes NAME`
+  std::function<std::unique_ptr<Node>()> make = {};  // may hold what the node is made from: a mesh in memory
+  std::function<GraphSpec()> group = {};             // set instead of `make` for a built-in group: a graph used as a node
 };
 
 class Registry {
