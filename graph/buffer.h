@@ -11,11 +11,13 @@
 #include <utility>
 #include <vector>
 
+#include "graph/api.h"
+
 namespace knead {
 
 enum class DeviceKind : uint8_t { kHost, kCuda, kFake };  // kFake is host memory under another tag: it lets tests check residency without a GPU
 
-struct Device {
+struct KNEAD_API Device {
   DeviceKind kind = DeviceKind::kHost;
   int index = 0;
   friend bool operator==(Device, Device) = default;
@@ -23,7 +25,7 @@ struct Device {
 };
 
 // Allocates and frees raw storage of one device. Thread-safe. Throws Error(kMemory) naming the size when there is none left.
-class MemoryResource {
+class KNEAD_API MemoryResource {
  public:
   virtual ~MemoryResource() = default;
   virtual void* allocate(size_t bytes) = 0;
@@ -32,13 +34,13 @@ class MemoryResource {
 };
 
 // The process-wide host pool: 64-byte aligned, keeps freed blocks by size so that a loop reaches the system allocator only in its first rounds.
-MemoryResource& host_memory();
+KNEAD_API MemoryResource& host_memory();
 
 struct HostMemoryFigures {
   uint64_t from_system = 0;  // blocks that the pool had to ask the system for: stands still while a loop runs
   size_t kept_bytes = 0;     // in freed blocks that wait to be used again
 };
-HostMemoryFigures host_memory_figures();
+KNEAD_API HostMemoryFigures host_memory_figures();
 
 namespace detail {
 struct BufferBlock {
@@ -50,11 +52,11 @@ struct BufferBlock {
   MemoryResource* resource = nullptr;     // null when the storage is wrapped
   std::function<void()> release_wrapped;  // tells the owner of wrapped storage that the last handle is gone
 };
-BufferBlock* new_buffer_block(size_t count, size_t element_bytes, size_t padding_bytes, MemoryResource& resource);
-BufferBlock* wrap_buffer_block(void* data, size_t bytes, Device device, std::function<void()> release);
-void release(BufferBlock* block) noexcept;
-[[noreturn]] void throw_wrong_device(Device is, Device asked);
-[[noreturn]] void throw_shared_write();
+KNEAD_API BufferBlock* new_buffer_block(size_t count, size_t element_bytes, size_t padding_bytes, MemoryResource& resource);
+KNEAD_API BufferBlock* wrap_buffer_block(void* data, size_t bytes, Device device, std::function<void()> release);
+KNEAD_API void release(BufferBlock* block) noexcept;
+[[noreturn]] KNEAD_API void throw_wrong_device(Device is, Device asked);
+[[noreturn]] KNEAD_API void throw_shared_write();
 }  // namespace detail
 
 template <class T>

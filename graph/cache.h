@@ -21,7 +21,7 @@ struct CacheFigures {
   size_t bytes = 0, entries = 0;
 };
 
-class Cache {
+class KNEAD_API Cache {
  public:
   explicit Cache(size_t most_bytes = size_t{4} << 30) : most_bytes_(most_bytes) {}
 

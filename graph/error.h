@@ -4,14 +4,16 @@
 #include <string>
 #include <vector>
 
+#include "graph/api.h"
+
 namespace knead {
 
 enum class ErrorCode { kGraph, kInput, kFile, kMemory, kDevice, kCancelled, kInternal };
 
-const char* name_of(ErrorCode code);
+KNEAD_API const char* name_of(ErrorCode code);
 
 // A place in a graph file or in a data file. Empty or zero members are unknown and are left out of the text.
-struct Where {
+struct KNEAD_API Where {
   std::string file;
   int line = 0;    // from 1
   int column = 0;  // from 1
@@ -21,7 +23,7 @@ struct Where {
   std::string text() const;  // "press.yaml:14:9, node 'push', 'margin'"
 };
 
-class Error : public std::exception {
+class KNEAD_API Error : public std::exception {
  public:
   Error(ErrorCode code, Where where, std::string message, std::string hint = {});
   Error(ErrorCode code, std::string message, std::string hint = {});
@@ -40,7 +42,7 @@ class Error : public std::exception {
 };
 
 // Every error of a graph at once. what() is all of them, one per line.
-class GraphErrors : public Error {
+class KNEAD_API GraphErrors : public Error {
  public:
   explicit GraphErrors(std::vector<Error> errors);
   const std::vector<Error>& errors() const { return errors_; }
@@ -50,9 +52,9 @@ class GraphErrors : public Error {
 };
 
 // The exception being handled, as an Error of this place. Call it in a catch block.
-Error error_in_flight(const Where& where = {});
+KNEAD_API Error error_in_flight(const Where& where = {});
 
 // The candidate nearest to `wrong` by edit distance, or "" when nothing is near enough to be a likely slip.
-std::string nearest_name(const std::string& wrong, const std::vector<std::string>& candidates);
+KNEAD_API std::string nearest_name(const std::string& wrong, const std::vector<std::string>& candidates);
 
 }  // namespace knead

@@ -49,7 +49,7 @@ struct EvaluatorOptions {
   std::function<bool()> cancelled;    // asked often, from any thread
 };
 
-class Evaluator {
+class KNEAD_API Evaluator {
  public:
   struct Impl;  // internal
   explicit Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options = {});

@@ -32,7 +32,7 @@ struct Transfers {
   uint64_t count = 0, bytes = 0;
 };
 
-class Executor {
+class KNEAD_API Executor {
  public:
   virtual ~Executor() = default;
   virtual const char* name() const = 0;  // "serial", "cpu", "cuda"
@@ -75,14 +75,14 @@ class Executor {
 };
 
 // One thread, in order: the debugger.
-std::unique_ptr<Executor> make_serial_executor();
+KNEAD_API std::unique_ptr<Executor> make_serial_executor();
 
 // TBB in an arena of its own with `threads` threads (0, or more than the machine has: all of them), isolated from the host application's tasks.
-std::unique_ptr<Executor> make_cpu_executor(int threads = 0);
+KNEAD_API std::unique_ptr<Executor> make_cpu_executor(int threads = 0);
 
 // A CUDA device, with a stream for every thread that uses it. Throws Error(kDevice) that says what is missing. `graph_loops`: loops run as one graph
 // that repeats by itself where the driver can, else in batches of rounds.
-std::unique_ptr<Executor> make_cuda_executor(int index = 0, bool graph_loops = true);
+KNEAD_API std::unique_ptr<Executor> make_cuda_executor(int index = 0, bool graph_loops = true);
 
 struct CudaDevices {
   struct Device {
@@ -92,6 +92,6 @@ struct CudaDevices {
   std::vector<Device> devices;  // that can be used
   std::string missing;          // why there is none
 };
-CudaDevices cuda_devices();
+KNEAD_API CudaDevices cuda_devices();
 
 }  // namespace knead

@@ -7,9 +7,11 @@
 #include <string_view>
 #include <type_traits>
 
+#include "graph/api.h"
+
 namespace knead {
 
-struct Key {
+struct KNEAD_API Key {
   uint64_t high = 0, low = 0;
   friend bool operator==(const Key&, const Key&) = default;
   friend auto operator<=>(const Key&, const Key&) = default;
@@ -19,7 +21,7 @@ struct KeyHash {
   size_t operator()(const Key& key) const { return static_cast<size_t>(key.low); }
 };
 
-class Hasher {
+class KNEAD_API Hasher {
  public:
   Hasher();
   Hasher& bytes(const void* data, size_t size);

@@ -7,9 +7,11 @@
 #include <variant>
 #include <vector>
 
+#include "graph/api.h"
+
 namespace knead {
 
-struct Literal {
+struct KNEAD_API Literal {
   using List = std::vector<Literal>;
   using Map = std::vector<std::pair<Literal, Literal>>;  // in the order of the file; keys may be numbers
 

@@ -54,7 +54,7 @@ struct ParamSpec {
   const char* doc = "";
 };
 
-class ParamBase {
+class KNEAD_API ParamBase {
  public:
   ParamBase(Node* owner, const char* name, ParamSpec spec);
   ParamBase(const ParamBase&) = delete;
@@ -108,7 +108,7 @@ class Param : public ParamBase {
 
 // Input ports. `In` must be connected; `OptionalIn` may be left out or be `none`; `ManyIn` takes one or several values (several colliders), or none
 // at all.
-struct InBase {
+struct KNEAD_API InBase {
   int index;
   InBase(Node* owner, const char* name, const PortType& type, PortSpec spec, bool optional, bool many);
   InBase(const InBase&) = delete;
@@ -126,7 +126,7 @@ struct ManyIn : InBase {
   ManyIn(Node* owner, const char* name, PortSpec spec) : InBase(owner, name, port_type<T>(), spec, true, true) {}
 };
 // The first output is the node's default: `tets: build` means `tets: build.<first output>`.
-struct OutBase {
+struct KNEAD_API OutBase {
   int index;
   OutBase(Node* owner, const char* name, const PortType& type, PortSpec spec);
   OutBase(const OutBase&) = delete;
@@ -139,7 +139,7 @@ struct Out : OutBase {
 // Where evaluate may be called; on kAnyDevice the scheduler brings every input's buffers to the executor's device.
 enum class Runs { kHost, kAnyDevice };
 
-class Node {
+class KNEAD_API Node {
  public:
   Node() = default;
   Node(const Node&) = delete;
@@ -178,7 +178,7 @@ class Node {
 };
 
 // What one evaluation of a node may see and do.
-class Context {
+class KNEAD_API Context {
  public:
   virtual ~Context() = default;
 

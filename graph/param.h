@@ -20,28 +20,28 @@ template <class T>
 struct ParamTraits;
 
 template <>
-struct ParamTraits<bool> {
+struct KNEAD_API ParamTraits<bool> {
   static std::string parse(const Literal& literal, bool& out);
   static Literal show(bool v) { return v; }
   static void hash(Hasher& h, bool v) { h.add(v); }
   static Literal schema() { return Literal::Map{{"type", "boolean"}}; }
 };
 template <>
-struct ParamTraits<int> {
+struct KNEAD_API ParamTraits<int> {
   static std::string parse(const Literal& literal, int& out);
   static Literal show(int v) { return v; }
   static void hash(Hasher& h, int v) { h.add(v); }
   static Literal schema() { return Literal::Map{{"type", "integer"}}; }
 };
 template <>
-struct ParamTraits<double> {
+struct KNEAD_API ParamTraits<double> {
   static std::string parse(const Literal& literal, double& out);
   static Literal show(double v) { return v; }
   static void hash(Hasher& h, double v) { h.add(v); }
   static Literal schema() { return Literal::Map{{"type", "number"}}; }
 };
 template <>
-struct ParamTraits<std::string> {
+struct KNEAD_API ParamTraits<std::string> {
   static std::string parse(const Literal& literal, std::string& out);
   static Literal show(const std::string& v) { return v; }
   static void hash(Hasher& h, const std::string& v) { h.add(v); }
@@ -49,7 +49,7 @@ struct ParamTraits<std::string> {
 };
 using Triple = std::array<double, 3>;  // [x, y, z]
 template <>
-struct ParamTraits<Triple> {
+struct KNEAD_API ParamTraits<Triple> {
   static std::string parse(const Literal& literal, Triple& out);
   static Literal show(const Triple& v) { return Literal::List{v[0], v[1], v[2]}; }
   static void hash(Hasher& h, const Triple& v) { h.add(v[0]).add(v[1]).add(v[2]); }
@@ -57,7 +57,7 @@ struct ParamTraits<Triple> {
 };
 // Any tree, kept as written: for parameters with a structure of their own, which the node checks in `configure`.
 template <>
-struct ParamTraits<Literal> {
+struct KNEAD_API ParamTraits<Literal> {
   static std::string parse(const Literal& literal, Literal& out);
   static Literal show(const Literal& v) { return v; }
   static void hash(Hasher& h, const Literal& v) { h.add(v.text()); }

@@ -37,7 +37,7 @@ struct External {
   const PortType* type;  // null: any
 };
 
-struct Plan {
+struct KNEAD_API Plan {
   std::string file;
   std::vector<int> frames;
   std::vector<PlanNode> nodes;
@@ -58,10 +58,10 @@ struct CompileOptions {
 
 // Checks everything and throws GraphErrors with all errors at once: unknown types, ports, parameters and references (with the nearest valid name),
 // type mismatches, missing inputs, cycles, values out of range.
-std::shared_ptr<const Plan> compile(const GraphSpec& spec, const CompileOptions& options = {});
+KNEAD_API std::shared_ptr<const Plan> compile(const GraphSpec& spec, const CompileOptions& options = {});
 
 // The graph and its schedule for people, and for Graphviz.
-std::string plan_text(const Plan& plan, const Executor& executor);
-std::string plan_dot(const Plan& plan);
+KNEAD_API std::string plan_text(const Plan& plan, const Executor& executor);
+KNEAD_API std::string plan_dot(const Plan& plan);
 
 }  // namespace knead

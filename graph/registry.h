@@ -19,7 +19,7 @@ struct NodeType {
   std::function<GraphSpec()> group = {};             // set instead of `make` for a built-in group: a graph used as a node
 };
 
-class Registry {
+class KNEAD_API Registry {
  public:
   void add(NodeType type);
   const NodeType* find(const std::string& name) const;

@@ -15,7 +15,7 @@ struct Scalar {
 };
 
 // Named figures and words about a frame, in order.
-struct Report {
+struct KNEAD_API Report {
   std::vector<std::pair<std::string, std::variant<double, std::string>>> entries;
   void set(const std::string& name, double value);
   void set(const std::string& name, const std::string& value);
@@ -24,14 +24,14 @@ struct Report {
 };
 
 template <>
-struct PortTraits<Scalar> {
+struct KNEAD_API PortTraits<Scalar> {
   static constexpr const char* name = "Scalar";
   template <class F>
   static void each_buffer(Scalar&, F&&) {}
   static void hash(const Scalar& v, Hasher& hasher) { hasher.add(v.value); }
 };
 template <>
-struct PortTraits<Report> {
+struct KNEAD_API PortTraits<Report> {
   static constexpr const char* name = "Report";
   template <class F>
   static void each_buffer(Report&, F&&) {}

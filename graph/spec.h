@@ -34,7 +34,7 @@ struct GroupParameterSpec {
   std::string doc;
 };
 
-struct GraphSpec {
+struct KNEAD_API GraphSpec {
   std::string file;  // named in errors; relative paths in it are relative to its folder
   std::string description;
   std::vector<int> frames{1};  // what `knead run` does by default
@@ -54,6 +54,6 @@ struct GraphSpec {
 std::vector<NodeSpec> node_specs(const Literal& tree, const std::string& file, std::vector<Error>& errors);
 
 // "1-48", "1-48x2,60", 7 or a list of these, in order. Throws Error(kGraph) with what was expected. At most a million frames.
-std::vector<int> parse_frames(const Literal& literal);
+KNEAD_API std::vector<int> parse_frames(const Literal& literal);
 
 }  // namespace knead

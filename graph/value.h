@@ -87,7 +87,7 @@ class Value {
 };
 
 namespace detail {
-[[noreturn]] void throw_type_mismatch(const PortType* is, const PortType& asked);
+[[noreturn]] KNEAD_API void throw_type_mismatch(const PortType* is, const PortType& asked);
 }  // namespace detail
 
 template <class T>

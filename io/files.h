@@ -16,19 +16,19 @@ inline Where in_file(const std::string& path, int line = 0, int column = 0) {
 // '#'s in the last component of `path` stand for the frame: each run of n becomes the frame padded with zeros to n digits ("a.####.obj", 7:
 // "a.0007.obj"; -7: "a.-0007.obj"; more digits than '#'s are kept). A path without '#' comes back as it is; folders are never touched, so that
 // "C#/a.obj" is no pattern.
-std::string frame_path(const std::string& path, int frame);
-bool has_frame_pattern(const std::string& path);
+KNEAD_API std::string frame_path(const std::string& path, int frame);
+KNEAD_API bool has_frame_pattern(const std::string& path);
 
 // The bytes of a file. Throws Error(kFile) that names the path: missing (with the nearest existing name), unreadable, or a directory.
-std::string read_whole_file(const std::string& path);
+KNEAD_API std::string read_whole_file(const std::string& path);
 
 // Hash of a file's bytes, remembered by path, time, size and inode, so that asking again costs one stat. Thread-safe. Throws as read_whole_file.
-Key file_content_key(const std::string& path);
+KNEAD_API Key file_content_key(const std::string& path);
 
 // A file that appears under its name when `commit` is called, and not before: it is written under a temporary name in the same folder, synced and
 // renamed. Without commit nothing is left behind. Missing folders are made. Every failure (no permission, full disk) throws Error(kFile) that names
 // the path. Devices and pipes (/dev/stdout) are written to directly.
-class WholeFile {
+class KNEAD_API WholeFile {
  public:
   explicit WholeFile(std::string path);
   ~WholeFile();
@@ -54,6 +54,6 @@ class WholeFile {
 };
 
 // A file made whole in one call.
-void write_whole_file(const std::string& path, std::string_view bytes);
+KNEAD_API void write_whole_file(const std::string& path, std::string_view bytes);
 
 }  // namespace knead

@@ -7,18 +7,18 @@
 namespace knead {
 
 // A JSON schema (draft 7) of graph files that use the registry's node types, as indented text. yaml-language-server takes it as it is.
-std::string graph_schema(const Registry& registry);
+KNEAD_API std::string graph_schema(const Registry& registry);
 
 // One node type's page: its manual, then its inputs, parameters and outputs as declared.
-std::string manual_page(const NodeType& type);
+KNEAD_API std::string manual_page(const NodeType& type);
 
 // The first sentence of the manual, on one line and without its full stop.
-std::string node_title(const NodeType& type);
+KNEAD_API std::string node_title(const NodeType& type);
 
 // "read_mesh   Reads a mesh ...", a line for every type.
-std::string node_list(const Registry& registry);
+KNEAD_API std::string node_list(const Registry& registry);
 
 // A Markdown table of all node types: name, what it does, inputs, outputs.
-std::string node_table_markdown(const Registry& registry);
+KNEAD_API std::string node_table_markdown(const Registry& registry);
 
 }  // namespace knead

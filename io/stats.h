@@ -20,7 +20,7 @@ struct WrittenFile {
 };
 
 // The file as it is now. Throws Error(kFile) when it is not there.
-WrittenFile written_file(const std::string& path);
+KNEAD_API WrittenFile written_file(const std::string& path);
 
 // What a line says about how the frame was made.
 struct FrameRecord {
@@ -38,14 +38,14 @@ struct ReportOutput {
 // The line of a frame, without its end of line. The figures of the Reports among `result.values` that `reports` names are merged in that order. A
 // name that several nodes give is written as NODE.NAME, but plain for the one summary among them. What is not a finite number becomes null. Times are
 // those of nodes that really ran.
-std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key,
-                       const std::vector<WrittenFile>& files);
+KNEAD_API std::string stats_line(const FrameResult& result, const std::vector<ReportOutput>& reports, const std::string& key,
+                                 const std::vector<WrittenFile>& files);
 
 // False when the line is none of ours or is not whole.
-bool read_stats_line(const std::string& line, FrameRecord& record);
+KNEAD_API bool read_stats_line(const std::string& line, FrameRecord& record);
 
 // Lines are appended as frames end, each with one write, so that a crash leaves whole lines; `finish` puts them in order. Throws Error(kFile).
-class StatsFile {
+class KNEAD_API StatsFile {
  public:
   // `keep` reads the lines of an earlier run, to stay unless their frames are added again. Otherwise the file begins empty. Missing folders are made.
   StatsFile(std::string path, bool keep);

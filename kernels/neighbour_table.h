@@ -34,13 +34,13 @@ inline constexpr uint32_t kSortWindow = 4096;  // a multiple of NeighbourTable::
 
 // A vertex's neighbours keep their order.
 // Throws Error(kMemory) when the table does not fit and Error(kInternal) when offsets and sizes disagree.
-NeighbourTable make_neighbour_table(const Adjacency& adjacency, PadIndex pad, Lanes lanes, Executor& executor);
+KNEAD_API NeighbourTable make_neighbour_table(const Adjacency& adjacency, PadIndex pad, Lanes lanes, Executor& executor);
 
 // The sum of every lane's values, summed in double; 0 in padding lanes.
-Buffer<float> lane_sums(const NeighbourTable& table);
+KNEAD_API Buffer<float> lane_sums(const NeighbourTable& table);
 
 // "" or the first thing wrong with the table: order, valences, row lengths, padding, an index of `index_count` or more.
-std::string check_neighbour_table(const NeighbourTable& table, uint32_t index_count, PadIndex pad);
+KNEAD_API std::string check_neighbour_table(const NeighbourTable& table, uint32_t index_count, PadIndex pad);
 
 struct Neighbour {
   std::array<uint32_t, 3> indices;  // unused columns are 0
@@ -48,6 +48,6 @@ struct Neighbour {
 };
 
 // The neighbours of every vertex below `vertices`, as they were given; for tests and for preprocessing.
-std::vector<std::vector<Neighbour>> neighbours_by_vertex(const NeighbourTable& table, uint32_t vertices);
+KNEAD_API std::vector<std::vector<Neighbour>> neighbours_by_vertex(const NeighbourTable& table, uint32_t vertices);
 
 }  // namespace knead

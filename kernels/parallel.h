@@ -97,7 +97,7 @@ struct Reduction {
 };
 
 // The serial executor that stands in for a device's (graph/device_code.h, Kernel::host).
-Executor& stand_in();
+KNEAD_API Executor& stand_in();
 
 template <class Body>
 const Kernel& kernel_of_reduction() {

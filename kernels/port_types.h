@@ -21,7 +21,7 @@ namespace knead {
 class MeshDistance;
 
 // x_world = scale * (rotation * x_local) + translation. rotation is row-major and orthonormal, scale > 0.
-struct Similarity {
+struct KNEAD_API Similarity {
   double scale = 1;
   std::array<double, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
   Vec3d translation{0, 0, 0};
@@ -32,8 +32,8 @@ struct Similarity {
   }
   Vec3d apply(const Vec3d& local) const { return scale * rotate(local) + translation; }
   Similarity inverse() const;
-  friend Similarity operator*(const Similarity& outer, const Similarity& inner);  // (outer * inner).apply(x) == outer.apply(inner.apply(x))
-  friend bool operator==(const Similarity& a, const Similarity& b);
+  friend KNEAD_API Similarity operator*(const Similarity& outer, const Similarity& inner);  // (outer * inner).apply(x) == outer.apply(inner.apply(x))
+  friend KNEAD_API bool operator==(const Similarity& a, const Similarity& b);
   bool is_identity() const { return *this == Similarity{}; }
 };
 
@@ -177,7 +177,7 @@ void each_table_buffer(NeighbourTable& t, F&& f) {
 }
 
 template <>
-struct PortTraits<Surface> {
+struct KNEAD_API PortTraits<Surface> {
   static constexpr const char* name = "Surface";
   template <class F>
   static void each_buffer(Surface& v, F&& f) {
@@ -187,7 +187,7 @@ struct PortTraits<Surface> {
                                Executor& executor);  // largest displacement of a vertex over the diagonal
 };
 template <>
-struct PortTraits<Contacts> {
+struct KNEAD_API PortTraits<Contacts> {
   static constexpr const char* name = "Contacts";
   template <class F>
   static void each_buffer(Contacts& v, F&& f) {
@@ -201,7 +201,7 @@ KNEAD_PORT_TYPE(Points, { f(v.values); })
 KNEAD_PORT_TYPE(Weights, { f(v.values); })
 KNEAD_PORT_TYPE(Sdf, { f(v.grid); })
 template <>
-struct PortTraits<TetMesh> {
+struct KNEAD_API PortTraits<TetMesh> {
   static constexpr const char* name = "TetMesh";
   template <class F>
   static void each_buffer(TetMesh& v, F&& f) {

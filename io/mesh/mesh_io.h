@@ -29,26 +29,27 @@ struct WriteMeshOptions {
 
 // Throws Error(kFile) for what is not the format (naming file, line and column, or the element of a binary file) and Error(kInput) for what is no
 // usable surface: no faces, no area, coordinates that are no finite numbers. What was doubtful but could be kept is told in `warnings`.
-Surface read_surface(const std::string& path, std::vector<std::string>& warnings);
-Surface read_surface(const std::string& path, const ReadMeshOptions& options, std::vector<std::string>& warnings);
+KNEAD_API Surface read_surface(const std::string& path, std::vector<std::string>& warnings);
+KNEAD_API Surface read_surface(const std::string& path, const ReadMeshOptions& options, std::vector<std::string>& warnings);
 // The same from memory; `name` gives the format by its ending, and the place in errors.
-Surface parse_surface(std::string_view bytes, const std::string& name, const ReadMeshOptions& options, std::vector<std::string>& warnings);
+KNEAD_API Surface parse_surface(std::string_view bytes, const std::string& name, const ReadMeshOptions& options, std::vector<std::string>& warnings);
 
 // Written whole or not at all (io/files.h). Normals that the surface carries are written as they are while its points are those they were made for,
 // and recomputed (area-weighted, hard edges kept) once it has deformed. Returns what the format had no room for, one sentence each.
-std::vector<std::string> write_surface(const std::string& path, const Surface& surface, const WriteMeshOptions& options = {});
-std::string format_surface(const std::string& name, const Surface& surface, const WriteMeshOptions& options, std::vector<std::string>& notes);
+KNEAD_API std::vector<std::string> write_surface(const std::string& path, const Surface& surface, const WriteMeshOptions& options = {});
+KNEAD_API std::string format_surface(const std::string& name, const Surface& surface, const WriteMeshOptions& options,
+                                     std::vector<std::string>& notes);
 
 // A surface from world positions in double and polygons: chooses the placement, triangulates, finds the box, checks. `name` is the place in errors.
-Surface make_surface(std::span<const Vec3d> points_world, MeshTopology polygons, MeshAttributes attributes, const ReadMeshOptions& options,
-                     const std::string& name, std::vector<std::string>& warnings);
+KNEAD_API Surface make_surface(std::span<const Vec3d> points_world, MeshTopology polygons, MeshAttributes attributes, const ReadMeshOptions& options,
+                               const std::string& name, std::vector<std::string>& warnings);
 
 // What is unusual about the surface as the border of a solid, each with its count and with what Knead assumes: open, non-manifold, duplicate
 // vertices, disagreeing or inverted orientation, self-intersections, several pieces. Empty for a clean closed surface.
-std::vector<std::string> describe_problems(const Surface& surface);
+KNEAD_API std::vector<std::string> describe_problems(const Surface& surface);
 
 // Throws a clear Error when `name` has no ending that can be read (written).
-void check_readable_mesh_name(const std::string& name);
-void check_writable_mesh_name(const std::string& name);
+KNEAD_API void check_readable_mesh_name(const std::string& name);
+KNEAD_API void check_writable_mesh_name(const std::string& name);
 
 }  // namespace knead

@@ -55,29 +55,29 @@ struct PictureSettings {
 
 // A box for a whole sequence: the rest box of the body where `rest` stands, widened by room for the colliders that depends on their size alone, not
 // on where they are this frame.
-Box frame_box(const Surface& rest, const std::vector<const Surface*>& colliders);
+KNEAD_API Box frame_box(const Surface& rest, const std::vector<const Surface*>& colliders);
 
 // How low the rest box of the body reaches, along `up`: where it would stand on a floor.
-double lowest_height(const Surface& rest, const Vec3d& up);
+KNEAD_API double lowest_height(const Surface& rest, const Vec3d& up);
 
 // Sets the scale bar to what the finite values span: even about 0 on a diverging ramp, from 0 when `from_zero`, and never empty.
-void fit_range(PictureSettings& settings, std::span<const float> values, bool from_zero);
+KNEAD_API void fit_range(PictureSettings& settings, std::span<const float> values, bool from_zero);
 
 // front, back, left, right, top, bottom or three_quarter, seen with `up` upwards (y up: the front faces +z; z up: -y). Empty when the name is none of
 // these.
-std::optional<Vec3d> view_direction(const std::string& name, const Vec3d& up);
+KNEAD_API std::optional<Vec3d> view_direction(const std::string& name, const Vec3d& up);
 
 // `values` is empty or one per vertex of `body`. Throws Error(kInput) on sizes that do not fit or directions that span nothing. `progress` is called
 // now and then, and may throw to cancel.
-Image render_picture(const Surface& body, std::span<const float> values, const std::vector<const Surface*>& colliders,
-                     const PictureSettings& settings, Executor& executor, FunctionRef<void()> progress);
+KNEAD_API Image render_picture(const Surface& body, std::span<const float> values, const std::vector<const Surface*>& colliders,
+                               const PictureSettings& settings, Executor& executor, FunctionRef<void()> progress);
 
-std::vector<uint8_t> encode_png(const Image& image);
-Image read_png(const std::string& path);
-void write_png(const std::string& path, const Image& image);  // whole or not at all; makes the folder
+KNEAD_API std::vector<uint8_t> encode_png(const Image& image);
+KNEAD_API Image read_png(const std::string& path);
+KNEAD_API void write_png(const std::string& path, const Image& image);  // whole or not at all; makes the folder
 
 // All pictures in one, row by row, each reduced to at most 320 pixels wide and captioned with the number in its file's name. Pictures that are
 // missing leave their place empty; throws when none can be read.
-void write_contact_sheet(const std::string& path, const std::vector<std::string>& picture_paths, int columns);
+KNEAD_API void write_contact_sheet(const std::string& path, const std::vector<std::string>& picture_paths, int columns);
 
 }  // namespace knead

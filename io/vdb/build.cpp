@@ -168,13 +168,13 @@ double longest_side(const SdfPlan& plan) {
 // Throws when the plan cannot fit, before anything large is allocated.
 void check_memory(Executor& executor, const SdfPlan& plan, DistanceAt distance) {
   if (!plan.true_distances) return;  // such grids are copies of something that fits; Builder::build counts as it goes
-  const double estimate = static_cast<double>(estimate_sdf_bytes(executor, plan, distance));
+  const double estimate = static_cast<double>(openvdb_side::estimate_sdf_bytes(executor, plan, distance));
   if (estimate <= static_cast<double>(plan.memory_limit)) return;
   double fits = plan.voxel_size * std::sqrt(estimate / static_cast<double>(plan.memory_limit));  // too fine where volume, not area, counts
   for (int tries = 0; tries < 40; ++tries, fits *= 1.1) {
     SdfPlan coarser = plan;
     coarser.voxel_size = fits;
-    if (estimate_sdf_bytes(executor, coarser, distance) <= plan.memory_limit) break;
+    if (openvdb_side::estimate_sdf_bytes(executor, coarser, distance) <= plan.memory_limit) break;
   }
   throw Error(ErrorCode::kMemory,
               fmt::format("a signed distance field with voxels of {:.4g} would take about {} to build, more than the limit of {}",

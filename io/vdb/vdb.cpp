@@ -195,7 +195,7 @@ ReadSdf complete(FloatGrid& grid, const std::string& path, Executor& executor, u
   plan.memory_limit = memory_limit;
   plan.true_distances = false;
   const FloatGrid& source = grid;
-  result.sdf = build_sdf(executor, plan, [&](const Vec3d& local, uint32_t& hint) {
+  result.sdf = openvdb_side::build_sdf(executor, plan, [&](const Vec3d& local, uint32_t& hint) {
     const openvdb::Coord ijk(static_cast<int>(std::lround(local.x)), static_cast<int>(std::lround(local.y)), static_cast<int>(std::lround(local.z)));
     float value = 0;
     if (source.tree().probeValue(ijk, value) || value > 0) return value * to_index;

@@ -19,6 +19,6 @@ struct VdbFunctions {
   decltype(openvdb_side::write_sdf)* write_sdf;
 };
 
-extern "C" const VdbFunctions* knead_vdb_functions();  // the module's only door
+extern "C" KNEAD_API const VdbFunctions* knead_vdb_functions();  // the module's only door
 
 }  // namespace knead

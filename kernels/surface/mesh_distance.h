@@ -10,6 +10,7 @@
 #include <memory>
 #include <span>
 
+#include "graph/api.h"
 #include "kernels/vec.h"
 
 namespace knead {
@@ -25,7 +26,7 @@ struct SignedDistance {
   bool found() const { return triangle != std::numeric_limits<uint32_t>::max(); }
 };
 
-class MeshDistance {
+class KNEAD_API MeshDistance {
  public:
   // Copies what it needs. Triangles without area and those with a non-finite corner are passed over. Throws Error(kInput) when none is left or an
   // index is out of range. An executor makes the preparation parallel.
