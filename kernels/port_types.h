@@ -49,6 +49,13 @@ struct MeshTopology {
   size_t triangle_count() const { return triangles.size() / 3; }
 };
 
+// One number per vertex or per face that a program put into a PLY file for itself: quality, id, flags. Carried along, used for nothing.
+struct MeshProperty {
+  std::string name;
+  std::string type;  // as PLY names it: "uchar", "float"
+  std::vector<double> values;
+};
+
 // What survives the round trip beside points and polygons; empty vectors are absent. Host only, shared, immutable.
 struct MeshAttributes {
   std::vector<std::array<float, 2>> texture_coordinates;  // pool
@@ -63,7 +70,9 @@ struct MeshAttributes {
   std::string material_library;                           // OBJ mtllib
   std::vector<std::string> objects;                       // names (OBJ o)
   std::vector<int32_t> face_object;                       // per face, or -1
-  Key normals_of;                                         // Hasher over the bytes of the points that `normals` were made for; others: recompute
+  std::vector<MeshProperty> vertex_properties;            // PLY's own
+  std::vector<MeshProperty> face_properties;
+  Key normals_of;  // Hasher over the bytes of the points that `normals` were made for; others: recompute
 };
 
 // M or a collider mesh.

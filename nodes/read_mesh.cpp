@@ -21,7 +21,11 @@ Units are your own: nothing assumes a size.
 Refused, with file, line and what to do: damaged and cut files, indices out of range, coordinates that are not
 finite, meshes without faces or area. Read with a warning that says what is assumed: open, non-manifold,
 inside-out and inconsistently oriented surfaces, several pieces, faces without area, unused and duplicate
-vertices. STL shares no vertices, so its corners are always welded where they are bit-identical.)";
+vertices. What else a file holds is kept, or left out with a warning (docs/formats.md lists both). STL shares no
+vertices, so its corners are always welded where they are bit-identical.
+
+.glb, .gltf, .fbx, .dae and .3ds are read too where Knead was built with Assimp: polygons alone, welded. They are
+for colliders and quick trials; a warning says when the order and count of the vertices are not the file's.)";
 
 class ReadMesh : public Node {
  public:
@@ -50,6 +54,6 @@ class ReadMesh : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(read_mesh, ReadMesh, 1, kManual)
+KNEAD_REGISTER(read_mesh, ReadMesh, 2, kManual)
 
 }  // namespace knead

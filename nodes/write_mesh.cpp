@@ -15,8 +15,8 @@ each frame overwrites the last. Missing folders are made. The file appears whole
 under a temporary name, synced and renamed.
 
 What was read with the mesh is written with it, as far as the format has a place for it: .obj takes all but the
-colours' alpha; .ply takes no groups, objects, materials, or normals with sharp edges; .stl takes triangles
-only. What is left out is said in a warning. Normals are written as they were read while the surface has its
+colours' alpha and a .ply file's own properties; .ply takes no groups, objects, materials, or normals with sharp
+edges; .stl takes triangles only. What is left out is said in a warning. Normals are written as they were read while the surface has its
 rest shape; once it has deformed they are recomputed, area-weighted, with hard edges kept.
 
 Numbers are written with as many digits as it takes to read the same number back; precision asks for fewer.)";

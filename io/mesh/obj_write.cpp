@@ -52,6 +52,7 @@ std::string write_obj(const Surface& surface, const WriteMeshOptions& options, s
     out.text("\n");
   }
   if (transparent) notes.push_back("OBJ has no place for the colours' alpha; left out");
+  note_own_properties("OBJ", &attributes, notes);
   if (textured)
     for (const auto& t : attributes.texture_coordinates) out.text("vt ").real(t[0]).text(" ").real(t[1]).text("\n");
   if (shaded)

@@ -1,4 +1,4 @@
-// Inside io/mesh_ply*.cpp only: what a PLY header says.
+// Inside io/mesh/ply*.cpp only: what a PLY header says.
 #pragma once
 #include <optional>
 #include <string>
@@ -10,6 +10,7 @@ namespace knead::mesh::ply {
 
 enum class Type : uint8_t { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
 constexpr size_t kTypeBytes[] = {1, 1, 2, 2, 4, 4, 4, 8};
+constexpr const char* kTypeNames[] = {"char", "uchar", "short", "ushort", "int", "uint", "float", "double"};
 constexpr double kWholeColour[] = {127, 255, 32767, 65535, 2147483647.0, 4294967295.0, 1, 1};
 
 enum class Use : uint8_t { kNone, kPosition, kNormal, kTexture, kColour, kCorners, kCornerTexture };
@@ -38,9 +39,13 @@ enum class Encoding { kAscii, kLittle, kBig };
 struct Header {
   Encoding encoding = Encoding::kAscii;
   std::vector<Element> elements;
+  LeftOut unknown_lines;
 };
 
 // From the first line to the one after end_header.
 Header read_header(TextReader& text);
+
+std::optional<Type> type_named(std::string_view name);
+bool fits(Type type, double value);  // exactly; of fractions every number does
 
 }  // namespace knead::mesh::ply

@@ -1,11 +1,10 @@
 // PLY headers: elements, their properties, and what Knead takes each property for.
+#include <cmath>
 #include <utility>
 
 #include "io/mesh/ply.h"
 
 namespace knead::mesh::ply {
-
-namespace {
 
 std::optional<Type> type_named(std::string_view name) {
   static constexpr std::pair<std::string_view, Type> kNames[] = {
@@ -17,6 +16,14 @@ std::optional<Type> type_named(std::string_view name) {
     if (known == name) return type;
   return {};
 }
+
+bool fits(Type type, double value) {
+  static constexpr double kLeast[] = {-128, 0, -32768, 0, -2147483648.0, 0}, kMost[] = {127, 255, 32767, 65535, 2147483647.0, 4294967295.0};
+  const auto i = static_cast<size_t>(type);
+  return type == Type::kFloat || type == Type::kDouble || (value >= kLeast[i] && value <= kMost[i] && value == std::floor(value));
+}
+
+namespace {
 
 void find_use(const std::string& element, Property& property) {
   struct Known {
@@ -40,7 +47,7 @@ void find_use(const std::string& element, Property& property) {
   if (element == "vertex" && !property.list)
     for (const Known& known : kOfVertex)
       if (property.name == known.name) property.use = known.use, property.part = known.part;
-  if (element == "face" && property.list)
+  if ((element == "face" || element == "tristrips") && property.list)
     for (const Known& known : kOfFace)
       if (property.name == known.name) property.use = known.use, property.part = known.part;
 }
@@ -70,11 +77,21 @@ Property read_property(TextReader& text, const std::string& element) {
   return property;
 }
 
+// Somebody's own line is passed over; a misspelt declaration is not, since what follows would be read wrongly without it.
+void unknown_line(TextReader& text, std::string_view keyword, Header& header) {
+  const std::string_view second = text.word();
+  if (second == "list" || second == "vertex" || second == "face" || second == "tristrips" || type_named(second))
+    text.fail(shown(keyword) + " is no PLY header statement");
+  std::string line(keyword);
+  if (!second.empty()) line.append(" ").append(second).append(" ").append(text.rest());
+  header.unknown_lines.add(text.line(), line);
+}
+
 }  // namespace
 
 Header read_header(TextReader& text) {
   Header header;
-  if (!text.next_line() || text.word() != "ply") text.fail("is no PLY file: the first line is not 'ply'", "check the file's ending");
+  if (!text.next_line() || !same_word(text.word(), "ply")) text.fail("is no PLY file: the first line is not 'ply'", "check the file's ending");
   bool format_known = false;
   while (text.next_line()) {
     const std::string_view keyword = text.word();
@@ -99,7 +116,7 @@ Header read_header(TextReader& text) {
       if (header.elements.back().properties.size() >= 1000) text.fail("more than a thousand properties");
       header.elements.back().properties.push_back(read_property(text, header.elements.back().name));
     } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
-      text.fail(shown(keyword) + " is no PLY header statement");
+      unknown_line(text, keyword, header);
     }
   }
   text.fail("the header has no 'end_header'", "the file is damaged or cut short");

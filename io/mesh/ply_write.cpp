@@ -1,12 +1,12 @@
 // Stanford PLY, writing: binary little endian, or ascii on request. float x y z where the surface has no placement, else double; normals and texture
 // coordinates by vertex where no vertex has two of them; texture coordinates with seams as the face list `texcoord`, as MeshLab writes them. Normals
-// with sharp edges, groups, objects and materials have no place in PLY.
+// with sharp edges, groups, objects and materials have no place in PLY. Numbers that another program put into the file for itself follow the known ones.
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
 
-#include "io/mesh/raw_mesh.h"
+#include "io/mesh/ply.h"
 
 namespace knead::mesh {
 
@@ -26,6 +26,8 @@ class PlyWriter {
     choose_normals(notes);
     choose_texture();
     choose_colours();
+    choose_own(attributes_->vertex_properties, surface.vertices(), vertex_own_);
+    choose_own(attributes_->face_properties, topology_.faces(), face_own_);
     if (!attributes_->groups.empty() || !attributes_->objects.empty() || !attributes_->materials.empty())
       notes.push_back("PLY has no place for groups, objects and materials; left out");
   }
@@ -72,6 +74,20 @@ class PlyWriter {
       }
   }
 
+  struct Own {
+    const MeshProperty* property;
+    ply::Type type;
+  };
+  static void choose_own(const std::vector<MeshProperty>& properties, size_t count, std::vector<Own>& chosen) {
+    for (const MeshProperty& property : properties) {
+      std::optional<ply::Type> type = ply::type_named(property.type);
+      if (property.values.size() != count) continue;
+      for (const double value : property.values)
+        if (!type || !ply::fits(*type, value)) type = ply::Type::kDouble;  // 300 in a uchar, as text files have it
+      chosen.push_back({&property, *type});
+    }
+  }
+
   // The byte that reads back as exactly this value, or -1.
   static int byte_of(float v) {
     const double scaled = std::round(static_cast<double>(v) * 255);
@@ -91,22 +107,37 @@ class PlyWriter {
       for (const char* name : {"red", "green", "blue"}) property(byte_colours_ ? "uchar" : "float", name);
       if (alpha_) property(byte_colours_ ? "uchar" : "float", "alpha");
     }
+    for (const Own& own : vertex_own_) property(ply::kTypeNames[static_cast<size_t>(own.type)], own.property->name);
     text_.text("element face ").whole(static_cast<int64_t>(topology_.faces())).text("\n");
     uint32_t largest = 0;
     for (size_t f = 0; f < topology_.faces(); ++f) largest = std::max(largest, topology_.face_offsets[f + 1] - topology_.face_offsets[f]);
     long_faces_ = largest * (corner_texture_ ? 2 : 1) > 255;
     text_.text("property list ").text(long_faces_ ? "uint" : "uchar").text(" int vertex_indices\n");
     if (corner_texture_) text_.text("property list ").text(long_faces_ ? "uint" : "uchar").text(" float texcoord\n");
+    for (const Own& own : face_own_) property(ply::kTypeNames[static_cast<size_t>(own.type)], own.property->name);
     text_.text("end_header\n");
   }
 
-  void property(const char* type, const char* name) { text_.text("property ").text(type).text(" ").text(name).text("\n"); }
+  void property(std::string_view type, std::string_view name) { text_.text("property ").text(type).text(" ").text(name).text("\n"); }
 
   Vec3f normal_of(size_t vertex) const {
     return vertex_normal_[vertex] < 0 ? Vec3f{0, 0, 0} : shading_.normals[static_cast<size_t>(vertex_normal_[vertex])];
   }
   std::array<float, 2> texture_of(int32_t index) const {
     return index < 0 ? std::array<float, 2>{0, 0} : attributes_->texture_coordinates[static_cast<size_t>(index)];
+  }
+
+  void ascii_own(const std::vector<Own>& all, size_t index) {
+    for (const Own& own : all) {
+      const double value = own.property->values[index];
+      text_.text(" ");
+      if (own.type == ply::Type::kFloat)
+        text_.real(static_cast<float>(value));
+      else if (own.type == ply::Type::kDouble)
+        text_.real(value);
+      else
+        text_.whole(static_cast<int64_t>(value));
+    }
   }
 
   void ascii_body() {
@@ -118,6 +149,7 @@ class PlyWriter {
         const float value = attributes_->vertex_colours[i][k];
         byte_colours_ ? text_.text(" ").whole(byte_of(value)) : text_.text(" ").real(value);
       }
+      ascii_own(vertex_own_, i);
       text_.text("\n");
     }
     for (size_t f = 0; f < topology_.faces(); ++f) {
@@ -129,6 +161,7 @@ class PlyWriter {
         for (uint32_t c = first; c < last; ++c)
           for (float part : texture_of(attributes_->corner_texture[c])) text_.text(" ").real(part);
       }
+      ascii_own(face_own_, f);
       text_.text("\n");
     }
   }
@@ -143,6 +176,21 @@ class PlyWriter {
   template <class F>
   static void put_vector(std::string& out, const Vec3<F>& v) {
     put(out, v.x), put(out, v.y), put(out, v.z);
+  }
+  static void put_own(std::string& out, const std::vector<Own>& all, size_t index) {
+    for (const Own& own : all) {
+      const double value = own.property->values[index];
+      switch (own.type) {
+        case ply::Type::kInt8: put(out, static_cast<int8_t>(value)); break;
+        case ply::Type::kUint8: put(out, static_cast<uint8_t>(value)); break;
+        case ply::Type::kInt16: put(out, static_cast<int16_t>(value)); break;
+        case ply::Type::kUint16: put(out, static_cast<uint16_t>(value)); break;
+        case ply::Type::kInt32: put(out, static_cast<int32_t>(value)); break;
+        case ply::Type::kUint32: put(out, static_cast<uint32_t>(value)); break;
+        case ply::Type::kFloat: put(out, static_cast<float>(value)); break;
+        case ply::Type::kDouble: put(out, value); break;
+      }
+    }
   }
   void put_count(std::string& out, uint32_t n) const {
     if (long_faces_)
@@ -169,15 +217,16 @@ class PlyWriter {
         else
           put(out, value);
       }
+      put_own(out, vertex_own_, i);
     }
     for (size_t f = 0; f < topology_.faces(); ++f) {
       const uint32_t first = topology_.face_offsets[f], last = topology_.face_offsets[f + 1];
       put_count(out, last - first);
       for (uint32_t c = first; c < last; ++c) put(out, static_cast<int32_t>(topology_.face_vertices[c]));
-      if (!corner_texture_) continue;
-      put_count(out, 2 * (last - first));
-      for (uint32_t c = first; c < last; ++c)
+      if (corner_texture_) put_count(out, 2 * (last - first));
+      for (uint32_t c = first; corner_texture_ && c < last; ++c)
         for (float part : texture_of(attributes_->corner_texture[c])) put(out, part);
+      put_own(out, face_own_, f);
     }
   }
 
@@ -187,6 +236,7 @@ class PlyWriter {
   bool ascii_;
   TextWriter text_;
   CornerNormals shading_;
+  std::vector<Own> vertex_own_, face_own_;
   std::vector<int32_t> vertex_normal_, vertex_texture_;
   bool corner_texture_ = false, coloured_ = false, alpha_ = false, byte_colours_ = false, wide_ = false, long_faces_ = false;
 };

@@ -1,5 +1,6 @@
 // STL, ascii and binary, both ways. STL holds triangles and nothing else: corners at bit-identical places are joined on reading, the facet normals
 // are not looked at, and polygons are written as the triangles that Knead works with.
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -28,17 +29,33 @@ void put(std::string& out, T value) {
   out.append(raw, sizeof(T));
 }
 
-RawMesh read_binary(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings) {
+// What a binary file's count says. Programs that write without knowing how many triangles come leave 0 or -1: then the file's length says it.
+size_t facets_of(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings) {
   const size_t facets = little<uint32_t>(bytes.data() + 80);
-  const size_t there = (bytes.size() - kHeaderBytes) / kFacetBytes;
+  const size_t there = (bytes.size() - kHeaderBytes) / kFacetBytes, rest = (bytes.size() - kHeaderBytes) % kFacetBytes;
+  if ((facets == 0 || facets == UINT32_MAX) && there > 0 && rest == 0) {
+    warnings.push_back("the count says " + std::string(facets == 0 ? "0" : "-1") + ", the file holds " +
+                       counted(there, "whole facet", "whole facets"));
+    return there;
+  }
   if (facets > there)
     throw Error(ErrorCode::kFile, in_file(name),
                 "the header announces " + counted(facets, "triangle", "triangles") + ", but the file ends in triangle " + std::to_string(there) +
                     " (counted from 0)",
                 "the file is damaged or cut short; export or copy it again");
+  if (facets == 0 && there > 0)
+    throw Error(ErrorCode::kFile, in_file(name),
+                "the header announces no triangles, and what follows is no whole number of them: the file ends in triangle " + std::to_string(there) +
+                    " (counted from 0)",
+                "the file is damaged or cut short; export or copy it again");
+  if (const size_t left = bytes.size() - kHeaderBytes - facets * kFacetBytes; left > 0)
+    warnings.push_back(counted(left, "byte follows", "bytes follow") + " the mesh; left out");
+  return facets;
+}
+
+RawMesh read_binary(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings) {
+  const size_t facets = facets_of(bytes, name, warnings);
   if (facets > INT32_MAX / 3) throw Error(ErrorCode::kFile, in_file(name), "has more than 715,827,882 triangles");
-  if (const size_t rest = bytes.size() - kHeaderBytes - facets * kFacetBytes; rest > 0)
-    warnings.push_back(counted(rest, "byte follows", "bytes follow") + " the mesh; left out");
   RawMesh mesh;
   BadVertices bad;
   mesh.points.reserve(3 * facets);
@@ -56,67 +73,131 @@ RawMesh read_binary(std::string_view bytes, const std::string& name, std::vector
   return mesh;
 }
 
-void expect(TextReader& text, std::string_view found, const char* wanted) {
-  if (found != wanted) text.fail(shown(found) + " stands where '" + wanted + "' should", "the file is damaged or cut short");
+constexpr std::string_view kKeywords[] = {"outer", "loop", "outerloop", "vertex", "endloop", "endfacet", "facet", "solid", "endsolid", "end"};
+
+bool is_keyword(std::string_view word) {
+  if (word.empty() || word[0] < 'A') return false;  // a number
+  return std::any_of(std::begin(kKeywords), std::end(kKeywords), [&](std::string_view keyword) { return same_word(word, keyword); });
 }
 
-RawMesh read_ascii(std::string_view bytes, const std::string& name) {
-  TextReader text(bytes, name);
-  RawMesh mesh;
-  BadVertices bad;
-  const auto next = [&](const char* wanted) {
-    if (!text.next_full_line()) text.fail(std::string("the file ends where '") + wanted + "' should stand", "the file is damaged or cut short");
-    expect(text, text.word(), wanted);
-  };
-  bool inside = false;
-  while (text.next_full_line()) {
-    const std::string_view keyword = text.word();
-    if (keyword == "solid") {
-      if (inside) text.fail("'solid' stands inside a solid");
-      inside = true;
-      continue;
+// Text: a stream of words in either case. Lines matter to the names of solids alone, which may be of several words.
+class AsciiStl {
+ public:
+  AsciiStl(std::string_view bytes, const std::string& name) : text_(bytes, name) {}
+
+  RawMesh read(std::vector<std::string>& warnings) {
+    bool inside = false;
+    while (text_.more()) {
+      const std::string_view word = text_.word();
+      if (same_word(word, "facet")) {
+        if (!inside && mesh_.topology.faces() > 0) text_.fail(shown(word) + " stands outside of a solid");
+        facet();
+      } else if (same_word(word, "solid")) {
+        if (inside) unended_.add(text_.line());
+        inside = true;
+        pass_name();
+      } else if (same_word(word, "endsolid") || (same_word(word, "end") && text_.more() && same_word(text_.word(), "solid"))) {
+        inside = pass_name();
+      } else if (is_keyword(word)) {
+        text_.fail(shown(word) + (inside ? " stands where 'facet' should" : " stands outside of a solid"), "the file is damaged or cut short");
+      } else {
+        unknown_.add(text_.line(), std::string(word) + " " + std::string(text_.rest()));
+      }
     }
-    if (keyword == "endsolid") {
-      inside = false;
-      continue;
-    }
-    if (!inside) text.fail(shown(keyword) + " stands outside of a solid");
-    expect(text, keyword, "facet");
-    next("outer");
-    expect(text, text.word(), "loop");
-    for (int corner = 0; corner < 3; ++corner) {
-      next("vertex");
-      Vec3d p{};
-      for (int k = 0; k < 3; ++k) p[k] = text.number("a coordinate");
-      if (!text.line_is_over()) text.fail("a vertex has three coordinates");
-      bad.check(p, mesh.points.size(), text.line());
-      mesh.topology.face_vertices.push_back(static_cast<uint32_t>(mesh.points.size()));
-      mesh.points.push_back(p);
-    }
-    mesh.close_face();
-    next("endloop");
-    next("endfacet");
+    if (inside) unended_.add(text_.line());
+    if (unended_.count() > 0) warnings.push_back("the file has no 'endsolid'; every facet is whole");
+    unknown_.warn("line that is no STL statement", "lines that are no STL statements", warnings);
+    bad_.raise(text_.name());
+    return std::move(mesh_);
   }
-  if (inside) text.fail("the file has no 'endsolid'", "the file is damaged or cut short");
-  bad.raise(name);
-  return mesh;
-}
+
+ private:
+  // To the end of the line, or to the first facet in it; true when another solid begins before that.
+  bool pass_name() {
+    for (bool solid = false;;) {
+      if (text_.line_is_over()) return text_.rest(), solid;
+      const std::string_view word = text_.word();
+      if (same_word(word, "facet") && !text_.line_is_over()) {
+        const std::string_view next = text_.word();
+        const bool begins = same_word(next, "normal") || same_word(next, "outer") || same_word(next, "outerloop");
+        text_.back_to(begins ? word.data() : next.data());
+        if (begins) return true;
+      }
+      solid = solid || same_word(word, "solid");
+    }
+  }
+
+  std::string_view next(const char* wanted) {
+    if (!text_.more()) text_.fail(std::string("the file ends where '") + wanted + "' should stand", "the file is damaged or cut short");
+    return text_.word();
+  }
+  void expect(std::string_view found, const char* wanted) {
+    if (found != wanted && !same_word(found, wanted))
+      text_.fail(shown(found) + " stands where '" + wanted + "' should", "the file is damaged or cut short");
+  }
+  void expect_end(const char* glued, const char* what) {
+    const std::string_view word = next(glued);
+    if (same_word(word, "end"))
+      expect(next(what), what);
+    else
+      expect(word, glued);
+  }
+
+  void facet() {
+    std::string_view word = next("outer");
+    if (same_word(word, "normal")) {  // which is not looked at, and may be of any numbers and of none
+      const std::string_view rest = text_.rest();
+      if (rest.find_first_of("oO") != std::string_view::npos) text_.back_to(rest.data());  // "outer" stands in the same line
+      for (int parts = 0; parts < 4 && !is_keyword(word = next("outer"));) ++parts;
+    }
+    if (!same_word(word, "outerloop")) {
+      expect(word, "outer");
+      expect(next("loop"), "loop");
+    }
+    for (int corner = 0; corner < 3; ++corner) vertex();
+    mesh_.close_face();
+    expect_end("endloop", "loop");
+    expect_end("endfacet", "facet");
+  }
+
+  void vertex() {
+    expect(next("vertex"), "vertex");
+    Vec3d p{};
+    for (int k = 0; k < 3; ++k) {
+      if (!text_.more()) text_.fail("the file ends where a coordinate should stand", "the file is damaged or cut short");
+      p[k] = text_.number("a coordinate");
+    }
+    if (!text_.line_is_over())
+      if (const char c = text_.peek(); (c >= '0' && c <= '9') || c == '-' || c == '+' || c == '.') text_.fail("a vertex has three coordinates");
+    bad_.check(p, mesh_.points.size(), text_.line());
+    mesh_.topology.face_vertices.push_back(static_cast<uint32_t>(mesh_.points.size()));
+    mesh_.points.push_back(p);
+  }
+
+  TextReader text_;
+  RawMesh mesh_;
+  BadVertices bad_;
+  LeftOut unended_, unknown_;
+};
 
 bool looks_like_text(std::string_view bytes) {
+  if (bytes.starts_with("\xef\xbb\xbf")) bytes.remove_prefix(3);
   const size_t first = bytes.find_first_not_of(" \t\r\n");
-  return first != std::string_view::npos && bytes.substr(first).starts_with("solid");
+  if (first == std::string_view::npos) return false;
+  return same_word(bytes.substr(first, 5), "solid") || same_word(bytes.substr(first, 5), "facet");
 }
 
 }  // namespace
 
 RawMesh read_stl(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings) {
   if (bytes.empty()) throw Error(ErrorCode::kInput, in_file(name), "is empty", "give a mesh with faces");
-  // Many binary files begin with "solid" too; their size gives them away.
+  // Many binary files begin with "solid" too; their size gives them away, and zeros among their first triangles.
   const bool exact_size = bytes.size() >= kHeaderBytes && bytes.size() == kHeaderBytes + kFacetBytes * size_t{little<uint32_t>(bytes.data() + 80)};
-  const bool has_zero_byte = bytes.substr(0, kHeaderBytes).find('\0') != std::string_view::npos;
+  const size_t zero = bytes.substr(0, kHeaderBytes + 16 * kFacetBytes).find('\0');
+  const bool binary = zero != std::string_view::npos && bytes.find_first_not_of(std::string_view("\0\x1a \r\n", 5), zero) != std::string_view::npos;
   RawMesh mesh;
-  if (!exact_size && looks_like_text(bytes) && !has_zero_byte) {
-    mesh = read_ascii(bytes, name);
+  if (!exact_size && looks_like_text(bytes) && !binary) {
+    mesh = AsciiStl(bytes, name).read(warnings);
   } else {
     if (bytes.size() < kHeaderBytes)
       throw Error(ErrorCode::kFile, in_file(name), "is no STL file: neither 'solid' at its beginning nor the 84 bytes of a binary header",
@@ -137,6 +218,7 @@ std::string write_stl(const Surface& surface, const WriteMeshOptions& options, s
   if (attributes && (!attributes->normals.empty() || !attributes->texture_coordinates.empty() || !attributes->vertex_colours.empty() ||
                      !attributes->groups.empty() || !attributes->objects.empty() || !attributes->materials.empty()))
     notes.push_back("STL has no place for normals by vertex, texture coordinates, colours, groups, objects and materials; left out");
+  note_own_properties("STL", attributes, notes);
   if (wide && surface.placement.translation.x + surface.placement.translation.y + surface.placement.translation.z != 0 && !options.ascii)
     notes.push_back("binary STL is single precision: of a mesh far from the origin it loses digits; .ply and .obj do not");
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "graph/hash.h"
+#include "io/mesh/assimp.h"
 #include "io/mesh/raw_mesh.h"
 #include "io/mesh/triangulate.h"
 #include "kernels/surface/weld.h"
@@ -14,17 +15,18 @@ using namespace mesh;
 
 namespace {
 
-enum class Format { kObj, kPly, kStl, kOff, kUnknown };
+enum class Format { kObj, kPly, kStl, kOff, kAssimp, kUnknown };
 
 Format format_of(const std::string& name) {
   const size_t dot = name.rfind('.');
   std::string ending = dot == std::string::npos || name.find('/', dot) != std::string::npos ? "" : name.substr(dot);
   for (char& c : ending) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return ending == ".obj"   ? Format::kObj
-         : ending == ".ply" ? Format::kPly
-         : ending == ".stl" ? Format::kStl
-         : ending == ".off" ? Format::kOff
-                            : Format::kUnknown;
+  return ending == ".obj"           ? Format::kObj
+         : ending == ".ply"         ? Format::kPly
+         : ending == ".stl"         ? Format::kStl
+         : ending == ".off"         ? Format::kOff
+         : is_assimp_ending(ending) ? Format::kAssimp
+                                    : Format::kUnknown;
 }
 
 struct Box {
@@ -78,10 +80,12 @@ void weld_vertices(std::vector<Vec3f>& points, RawMesh& raw) {
     }
     points[kept] = points[i];
     if (!colours.empty()) colours[kept] = colours[i];
+    for (MeshProperty& property : raw.attributes.vertex_properties) property.values[kept] = property.values[i];
     renumbered[i] = kept++;
   }
   points.resize(kept);
   if (!colours.empty()) colours.resize(kept);
+  for (MeshProperty& property : raw.attributes.vertex_properties) property.values.resize(kept);
   for (uint32_t& v : raw.topology.face_vertices) v = renumbered[v];
 }
 
@@ -142,6 +146,17 @@ Surface surface_from(RawMesh raw, const ReadMeshOptions& options, const std::str
   return surface;
 }
 
+Surface surface_of_scene(std::string_view file, const ReadMeshOptions& options, const std::string& name, std::vector<std::string>& warnings) {
+  RawMesh raw = read_assimp(file, name, warnings);
+  const size_t before = raw.points.size();
+  Surface surface = surface_from(std::move(raw), options, name, warnings);
+  if (surface.vertices() != before)
+    warnings.push_back("the format splits vertices where faces differ in more than place: " + std::to_string(before) + " of them are joined to " +
+                       std::to_string(surface.vertices()) +
+                       ", so their order and count are not the file's; good for a collider, for a soft body use .obj or .ply");
+  return surface;
+}
+
 void check_before_writing(const std::string& name, const Surface& surface) {
   if (!surface.topology || surface.vertices() == 0) throw Error(ErrorCode::kInput, in_file(name), "cannot be written: the surface is empty");
   BadVertices bad;
@@ -151,6 +166,14 @@ void check_before_writing(const std::string& name, const Surface& surface) {
 }
 
 }  // namespace
+
+void mesh::note_own_properties(const char* format, const MeshAttributes* attributes, std::vector<std::string>& notes) {
+  if (!attributes) return;
+  std::vector<std::string> names;
+  for (const auto* properties : {&attributes->vertex_properties, &attributes->face_properties})
+    for (const MeshProperty& property : *properties) names.push_back("'" + property.name + "'");
+  if (!names.empty()) notes.push_back(std::string(format) + " has no place for a PLY file's own numbers: " + listed(names) + " left out");
+}
 
 Surface make_surface(std::span<const Vec3d> points_world, MeshTopology polygons, MeshAttributes attributes, const ReadMeshOptions& options,
                      const std::string& name, std::vector<std::string>& warnings) {
@@ -167,19 +190,26 @@ Surface make_surface(std::span<const Vec3d> points_world, MeshTopology polygons,
 void check_readable_mesh_name(const std::string& name) {
   if (format_of(name) == Format::kUnknown)
     throw Error(ErrorCode::kFile, in_file(name), "is no mesh format that can be read, by its ending", "use .obj, .ply, .stl or .off");
+  if (format_of(name) == Format::kAssimp && !assimp_is_built_in()) {
+    std::vector<std::string> ignored;
+    read_assimp({}, name, ignored);  // says what is missing
+  }
 }
 
 void check_writable_mesh_name(const std::string& name) {
-  if (const Format format = format_of(name); format == Format::kUnknown || format == Format::kOff)
+  if (const Format format = format_of(name); format == Format::kUnknown || format == Format::kOff || format == Format::kAssimp)
     throw Error(ErrorCode::kFile, in_file(name), "is no mesh format that can be written, by its ending", "use .obj, .ply or .stl");
 }
 
-Surface parse_surface(std::string_view bytes, const std::string& name, const ReadMeshOptions& options, std::vector<std::string>& warnings) {
+Surface parse_surface(std::string_view file, const std::string& name, const ReadMeshOptions& options, std::vector<std::string>& warnings) {
   check_readable_mesh_name(name);
+  std::string storage;
+  const std::string_view bytes = single_bytes(file, storage);
   switch (format_of(name)) {
     case Format::kObj: return surface_from(read_obj(bytes, name, warnings), options, name, warnings);
     case Format::kPly: return surface_from(read_ply(bytes, name, warnings), options, name, warnings);
     case Format::kStl: return surface_from(read_stl(bytes, name, warnings), options, name, warnings);
+    case Format::kAssimp: return surface_of_scene(file, options, name, warnings);
     default: return surface_from(read_off(bytes, name, warnings), options, name, warnings);
   }
 }

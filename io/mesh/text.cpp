@@ -1,4 +1,6 @@
 // Text in and out for the mesh formats: places of errors, numbers in double, shortest exact output.
+#include "io/mesh/text.h"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -16,6 +18,17 @@ void settle_midpoint(const char* at, const char* end, double& value) {
   float nearest = 0;
   if (std::from_chars(at, end, nearest).ec != std::errc{}) return;
   if (static_cast<float>(value) != nearest) value = std::nextafter(value, static_cast<double>(nearest));
+}
+
+// Without a DOS end-of-file byte and what follows: blanks, zeros and more of them.
+std::string_view before_end_of_file_byte(std::string_view text) {
+  size_t kept = text.size();
+  for (size_t i = text.size(); i > 0; --i) {
+    const char c = text[i - 1];
+    if (c == '\x1a') kept = i - 1;
+    if (c != '\x1a' && c != '\0' && c != ' ' && c != '\t' && c != '\r' && c != '\n') break;
+  }
+  return text.substr(0, kept);
 }
 
 }  // namespace
@@ -36,8 +49,8 @@ const char* parse_number(const char* at, const char* end, double& value) {
   return result.ptr;
 }
 
-TextReader::TextReader(std::string_view text, std::string name, bool continued)
-    : name_(std::move(name)), begin_(text.data()), end_(begin_ + text.size()), continued_(continued) {
+TextReader::TextReader(std::string_view text, std::string name, BeginsStatement begins_statement)
+    : name_(std::move(name)), begin_(text.data()), end_(begin_ + before_end_of_file_byte(text).size()), begins_statement_(begins_statement) {
   at_ = line_begin_ = line_end_ = next_ = begin_ + (text.starts_with("\xef\xbb\xbf") ? 3 : 0);
   find_newline();
 }
@@ -65,13 +78,24 @@ bool TextReader::next_line() {
     next_ = stop == end_ ? end_ : stop + 1;
     const char* last = line_end_;
     while (last > line_begin_ && last[-1] == '\r') --last;
-    if (!continued_ || next_ == end_ || last == line_begin_ || last[-1] != '\\' || *line_begin_ == '#') return true;
+    if (!begins_statement_ || next_ == end_ || last == line_begin_ || last[-1] != '\\' || !joins_next(last)) return true;
   }
+}
+
+// Not in a comment, and not before a statement of its own.
+bool TextReader::joins_next(const char* last) const {
+  for (const char* c = line_begin_; c < last; ++c)
+    if (*c == '#' && (c == line_begin_ || is_blank(c[-1]))) return false;
+  const char* first = next_;
+  while (first < end_ && (*first == ' ' || *first == '\t')) ++first;
+  const char* stop = first;
+  while (stop < end_ && *stop != ' ' && *stop != '\t' && *stop != '\r' && *stop != '\n') ++stop;
+  return !begins_statement_({first, static_cast<size_t>(stop - first)});
 }
 
 bool TextReader::next_full_line() {
   while (next_line())
-    if (!line_is_over() && *at_ != '#') return true;
+    if (!line_is_over()) return true;
   return false;
 }
 
@@ -95,7 +119,7 @@ void TextReader::fail_number(const char* what, const char* kind) const {
   const char* stop = at_;
   while (stop < line_end_ && !is_blank(*stop)) ++stop;
   const std::string_view found(at_, static_cast<size_t>(stop - at_));
-  if (found.empty()) fail(std::string("the line ends where ") + what + " should stand");
+  if (found.empty() || found[0] == '#') fail(std::string("the line ends where ") + what + " should stand");
   fail(shown(found) + " stands where " + what + " should: not " + kind);
 }
 
@@ -103,9 +127,23 @@ double TextReader::number(const char* what) {
   skip_blanks();
   double value = 0;
   const char* after = parse_number(at_, line_end_, value);
-  if (!after || (after < line_end_ && !is_blank(*after))) fail_number(what, "a number");
+  if (!after || !ends_number(after)) fail_number(what, "a number");
   at_ = after;
   return value;
+}
+
+// A comment may touch a digit; in "1.#IND", which some programs write for nan, the mark belongs to the word.
+bool TextReader::ends_number(const char* after) const {
+  return after == line_end_ || is_blank(*after) || (*after == '#' && after[-1] != '.');
+}
+
+double TextReader::number_or_nan() {
+  if (line_is_over()) return std::nan("");
+  double value = 0;
+  const char* after = parse_number(at_, line_end_, value);
+  if (after && ends_number(after)) return at_ = after, value;
+  word();
+  return std::nan("");
 }
 
 int64_t TextReader::integer(const char* what) {
@@ -125,6 +163,20 @@ void TextReader::fail(const std::string& message, const std::string& hint) const
 
 void TextReader::fail_at_line(int line, const std::string& message, const std::string& hint) const {
   throw Error(ErrorCode::kFile, in_file(name_, line), message, hint);
+}
+
+bool same_word(std::string_view a, std::string_view lower_case) {
+  return std::equal(a.begin(), a.end(), lower_case.begin(), lower_case.end(),
+                    [](char c, char lower) { return (c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c) == lower; });
+}
+
+std::string_view single_bytes(std::string_view bytes, std::string& storage) {
+  const bool little = bytes.starts_with("\xff\xfe"), big = bytes.starts_with("\xfe\xff");
+  const size_t low = little ? 0 : 1;
+  if (!(little || big) || bytes.size() < 4 || bytes[3 - low] != '\0') return bytes;
+  storage.reserve(bytes.size() / 2);
+  for (size_t i = 2; i + 1 < bytes.size(); i += 2) storage += bytes[i + 1 - low] == '\0' ? bytes[i + low] : '?';
+  return storage;
 }
 
 TextWriter& TextWriter::whole(int64_t v) {
@@ -174,6 +226,37 @@ std::string shown(std::string_view text) {
 
 std::string counted(size_t n, const char* singular, const char* plural) {
   return std::to_string(n) + " " + (n == 1 ? singular : plural);
+}
+
+std::string listed(const std::vector<std::string>& names) {
+  std::string text;
+  for (size_t i = 0; i < names.size(); ++i) text += (i == 0 ? "" : i + 1 == names.size() ? " and " : ", ") + names[i];
+  return text;
+}
+
+void LeftOut::add(int line, std::string_view text) {
+  if (count_++ > 0) return;
+  first_line_ = line;
+  first_text_ = text;
+}
+
+void LeftOut::warn(const char* singular, const char* plural, std::vector<std::string>& warnings) const {
+  if (count_ == 0) return;
+  warnings.push_back(counted(count_, singular, plural) + " left out (first: line " + std::to_string(first_line_) + ")" +
+                     (first_text_.empty() ? "" : ": " + shown(first_text_)));
+}
+
+void ShortFaces::add(size_t corners, size_t face, int line) {
+  if (count_++ == 0) first_face_ = face, first_line_ = line;
+  fewest_ = std::min(fewest_, corners);
+  most_ = std::max(most_, corners);
+}
+
+void ShortFaces::warn(std::vector<std::string>& warnings) const {
+  if (count_ == 0) return;
+  const char* const names[] = {"no corners", "one corner", "two corners"};
+  warnings.push_back(counted(count_, "face", "faces") + " of " + (fewest_ == most_ ? names[most_] : "fewer than three corners") +
+                     " left out (first: " + (first_line_ > 0 ? "line " + std::to_string(first_line_) : "face " + std::to_string(first_face_)) + ")");
 }
 
 }  // namespace knead::mesh

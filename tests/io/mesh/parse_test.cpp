@@ -25,8 +25,7 @@ TEST(MeshParse, ObjErrorsNameLineAndColumn) {
     const char* last;
     int column;
     const char* said;
-  } cases[] = {{"f 1 2", 6, "2 corners"},
-               {"f 1 2 three", 7, "'three'"},
+  } cases[] = {{"f 1 2 three", 7, "'three'"},
                {"f 1 2 3x", 8, "written as"},
                {"f 1 2 1e0", 8, "written as"},
                {"f 1 2 0", 8, "counts from 1"},
@@ -36,10 +35,10 @@ TEST(MeshParse, ObjErrorsNameLineAndColumn) {
                {"f 1/1 2/x 3", 9, "'x'"},
                {"v 1 2", 6, "ends where a coordinate"},
                {"v 1,5 2 3", 3, "'1,5'"},
-               {"v 1 2 3 4 5", 12, "not two"},
-               {"v 1 2 3 4 5 6 7 8", 17, "at most"},
-               {"vn 1 0", 7, "ends where"},
-               {"hello world", 6, "'hello' is no OBJ statement"},
+               {"v 1 2 # 3", 7, "ends where a coordinate"},
+               {"v 1 2 1.#IND", 7, "'1.#IND'"},
+               {"vv 1 2 3", 9, "'vv' is no OBJ statement"},
+               {"1 2 3", 6, "'1' is no OBJ statement"},
                {"\x01\x02", 3, "'\?\?' is no OBJ statement"}};
   for (const auto& c : cases) {
     SCOPED_TRACE(c.last);
@@ -105,7 +104,7 @@ TEST(MeshParse, NothingToDeformIsRefused) {
   EXPECT_THAT(refusal_of("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n").message(), HasSubstr("none of its 1 face has any area"));
   EXPECT_EQ(refusal_of("v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n").code(), ErrorCode::kInput);
   for (const char* name : {"m.obj", "m.ply", "m.stl", "m.off"}) EXPECT_NO_FATAL_FAILURE(refusal_of("", name));
-  EXPECT_THAT(refusal_of("", "m.fbx").hint(), HasSubstr(".obj"));
+  EXPECT_THAT(refusal_of("", "m.xyz").hint(), HasSubstr(".obj"));
   EXPECT_THAT(refusal_of("", "folder.obj/m").hint(), HasSubstr(".obj"));
 }
 
@@ -129,7 +128,9 @@ TEST(MeshParse, PlyHeadersAreChecked) {
   EXPECT_THAT(with("vertex 3", "vertex -3"), HasSubstr("negative"));
   EXPECT_THAT(with("3 0 1 2", "3 0 1 3"), HasSubstr("vertex 3, but the file has only 3"));
   EXPECT_THAT(with("3 0 1 2", "3 0 1 -1"), HasSubstr("vertex -1"));
-  EXPECT_THAT(with("3 0 1 2", "2 0 1"), HasSubstr("2 corners"));
+  EXPECT_THAT(with("3 0 1 2", "2 0 1"), HasSubstr("no faces"));
+  EXPECT_THAT(with("1 0 0", "1 0 0 7"), HasSubstr("more values"));
+  EXPECT_THAT(with("1 0 0", "1 0"), HasSubstr("the line ends where a value should stand"));
   EXPECT_THAT(with("3 0 1 2", "3 0 1 2 5"), HasSubstr("more values"));
   EXPECT_THAT(with("3 0 1 2\n", ""), HasSubstr("face 0 of 1"));
   EXPECT_THAT(with("element face 1", "element vertex 0\nproperty int x\nelement face 1"), ::testing::Not(IsEmpty()));
@@ -146,7 +147,7 @@ TEST(MeshParse, PlyStepsOverWhatItDoesNotKnow) {
       "m.ply", {}, warnings);
   EXPECT_EQ(s.vertices(), 3u);
   EXPECT_EQ(s.attributes->vertex_colours[0], (std::array<float, 4>{1, 0, 0.2f, 1}));
-  EXPECT_THAT(warnings, IsEmpty());
+  EXPECT_THAT(warnings, ::testing::ElementsAre("the element 'camera' and the list 'rings' of 'vertex' left out"));
 }
 
 TEST(MeshParse, AsciiStlErrorsNameTheLine) {
@@ -156,7 +157,6 @@ TEST(MeshParse, AsciiStlErrorsNameTheLine) {
   std::string wrong = good;
   wrong.replace(wrong.find("1 0 0"), 5, "1 O 0");
   EXPECT_EQ(refusal_of(wrong, "m.stl").where().line, 5);
-  EXPECT_THAT(refusal_of(good.substr(0, good.find("endsolid")), "m.stl").message(), HasSubstr("endsolid"));
   EXPECT_THAT(refusal_of(good.substr(0, good.find("endloop")), "m.stl").message(), HasSubstr("'endloop' should stand"));
   EXPECT_THAT(refusal_of("no stl", "m.stl").message(), HasSubstr("no STL file"));
 }
