@@ -1,12 +1,15 @@
-# OpenVDB as Debian ships it: no CMake configuration of its own in the default search path. Defines OpenVDB::openvdb.
+# OpenVDB as Debian ships it: no CMake configuration of its own in the default search path. Defines OpenVDB::openvdb,
+# with the codecs of its files.
 find_path(OpenVDB_INCLUDE_DIR openvdb/openvdb.h)
 find_library(OpenVDB_LIBRARY openvdb)
+find_library(Blosc_LIBRARY blosc)
 include(FindPackageHandleStandardArgs)
-find_package_handle_standard_args(OpenVDB REQUIRED_VARS OpenVDB_LIBRARY OpenVDB_INCLUDE_DIR)
+find_package_handle_standard_args(OpenVDB REQUIRED_VARS OpenVDB_LIBRARY OpenVDB_INCLUDE_DIR Blosc_LIBRARY)
 if(OpenVDB_FOUND AND NOT TARGET OpenVDB::openvdb)
   find_package(TBB REQUIRED)
   find_package(Imath REQUIRED)
+  find_package(ZLIB REQUIRED)
   add_library(OpenVDB::openvdb UNKNOWN IMPORTED)
   set_target_properties(OpenVDB::openvdb PROPERTIES IMPORTED_LOCATION ${OpenVDB_LIBRARY} INTERFACE_INCLUDE_DIRECTORIES ${OpenVDB_INCLUDE_DIR})
-  target_link_libraries(OpenVDB::openvdb INTERFACE TBB::tbb Imath::Imath)
+  target_link_libraries(OpenVDB::openvdb INTERFACE TBB::tbb Imath::Imath ZLIB::ZLIB ${Blosc_LIBRARY})
 endif()

@@ -1,9 +1,3 @@
-// GridValidator.h writes to std::cerr without including <iostream>.
-// clang-format off
-#include <iostream>
-#include <nanovdb/util/GridValidator.h>
-// clang-format on
-
 #include <fmt/format.h>
 #include <nanovdb/util/GridHandle.h>
 #include <nanovdb/util/IO.h>
@@ -16,13 +10,13 @@
 #include <algorithm>
 #include <cctype>
 #include <fstream>
-#include <iostream>  // NanoVDB's validator needs it and does not say so
 #include <memory>
 #include <optional>
 #include <sstream>
 
 #include "graph/error.h"
 #include "io/files.h"
+#include "io/vdb/file_grids.h"
 #include "io/vdb/vdb_module.h"
 #include "kernels/surface/mesh_distance.h"
 
@@ -30,6 +24,8 @@ namespace knead {
 namespace {
 
 using openvdb::FloatGrid;
+using openvdb_side::fail;
+using openvdb_side::LevelSet;
 
 bool ends_with(const std::string& path, const std::string& extension) {
   if (path.size() < extension.size()) return false;
@@ -37,75 +33,8 @@ bool ends_with(const std::string& path, const std::string& extension) {
                     [](char a, char b) { return a == std::tolower(static_cast<unsigned char>(b)); });
 }
 
-[[noreturn]] void fail(const std::string& path, const std::string& message, const std::string& hint = {}) {
-  throw Error(ErrorCode::kFile, in_file(path), message, hint);
-}
-
-std::string listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + ("'" + name + "'");
-  return text.empty() ? "none" : text;
-}
-
-FloatGrid::Ptr as_float(const openvdb::GridBase::Ptr& grid) {
-  if (auto same = openvdb::gridPtrCast<FloatGrid>(grid)) return same;
-  if (auto wide = openvdb::gridPtrCast<openvdb::DoubleGrid>(grid)) return std::make_shared<FloatGrid>(*wide);
-  return nullptr;
-}
-
-FloatGrid::Ptr read_vdb(const std::string& path, const std::string& name) {
-  std::istringstream bytes(read_whole_file(path));
-  std::vector<std::string> names;
-  try {
-    openvdb::io::Stream stream(bytes, false);
-    const openvdb::GridPtrVecPtr grids = stream.getGrids();
-    for (const bool any_class : {false, true})
-      for (const openvdb::GridBase::Ptr& grid : *grids) {
-        if (!any_class) names.push_back(grid->getName());
-        const bool wanted = name.empty() ? any_class || grid->getGridClass() == openvdb::GRID_LEVEL_SET : grid->getName() == name;
-        if (!wanted) continue;
-        if (FloatGrid::Ptr found = as_float(grid)) return found;
-        if (!name.empty())
-          fail(path, fmt::format("grid '{}' holds {}, not float or double", name, grid->valueType()), "a level set is a scalar grid");
-      }
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& e) {
-    fail(path, std::string("not a readable .vdb file: ") + e.what(), "write it again; OpenVDB 10 and older files are understood");
-  }
-  if (name.empty()) fail(path, "holds no scalar grid (grids: " + listed(names) + ")", "a level set is a float grid");
-  const std::string near = nearest_name(name, names);
-  fail(path, fmt::format("holds no grid '{}' (grids: {})", name, listed(names)), near.empty() ? std::string() : "did you mean '" + near + "'?");
-}
-
-FloatGrid::Ptr read_nvdb(const std::string& path, const std::string& name) {
-  std::istringstream bytes(read_whole_file(path));
-  std::vector<std::string> names;
-  try {
-    for (const auto& handle : nanovdb::io::readGrids<nanovdb::HostBuffer, std::vector>(bytes)) {
-      if (!handle) continue;
-      names.push_back(handle.gridMetaData()->shortGridName());
-      if (!name.empty() && names.back() != name) continue;
-      const auto* grid = handle.template grid<float>();
-      if (!grid && !name.empty()) fail(path, fmt::format("grid '{}' is not a float grid", name), "a level set is a scalar grid");
-      if (!grid) continue;
-      if (!nanovdb::isValid(*grid, true, false))
-        fail(path, fmt::format("grid '{}' is damaged (its checksum or its structure is wrong)", names.back()), "write it again");
-      return openvdb::gridPtrCast<FloatGrid>(nanovdb::nanoToOpenVDB(*grid));
-    }
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& e) {
-    fail(path, std::string("not a readable .nvdb file: ") + e.what(),
-         "Knead reads uncompressed NanoVDB 32 files; write it again without compression");
-  }
-  const std::string near = nearest_name(name, names);
-  fail(path, fmt::format("holds no float grid{} (grids: {})", name.empty() ? "" : " '" + name + "'", listed(names)),
-       near.empty() ? "" : "did you mean '" + near + "'?");
-}
-
 // The transform as a similarity of index space; index_origin and voxel_size take the scale.
-Similarity placement_of(const FloatGrid& grid, const std::string& path) {
+Similarity placement_of(const FloatGrid& grid, const openvdb::Vec3d& shift, const std::string& path) {
   if (!grid.transform().isLinear()) fail(path, "grid '" + grid.getName() + "' has a frustum transform", "resample it with a uniform voxel size");
   const openvdb::math::Mat4d m = grid.transform().baseMap()->getAffineMap()->getMat4();  // row vectors: row k is where axis k goes
   Vec3d axis[3];
@@ -125,7 +54,8 @@ Similarity placement_of(const FloatGrid& grid, const std::string& path) {
   placement.scale = scale;
   for (int row = 0; row < 3; ++row)
     for (int k = 0; k < 3; ++k) placement.rotation[3 * row + k] = axis[k][row] / scale;
-  placement.translation = {m(3, 0), m(3, 1), m(3, 2)};
+  const openvdb::Vec3d origin = grid.transform().baseMap()->applyMap(shift);  // the matrix's own axes are less exact, the larger its translation
+  placement.translation = {origin.x(), origin.y(), origin.z()};
   return placement;
 }
 
@@ -146,25 +76,10 @@ std::unique_ptr<MeshDistance> surface_of(const FloatGrid& grid, Executor& execut
   return std::make_unique<MeshDistance>(std::span<const Vec3f>(positions), triangles, &executor);
 }
 
-ReadSdf complete(FloatGrid& grid, const std::string& path, Executor& executor, uint64_t memory_limit) {
-  ReadSdf result;
+ReadSdf complete(const LevelSet& level_set, ReadSdf result, const std::string& path, Executor& executor, uint64_t memory_limit) {
+  const FloatGrid& grid = *level_set.grid;
   const std::string name = "grid '" + grid.getName() + "'";
-  const Similarity placement = placement_of(grid, path);
-  const double background = grid.background();
-  if (grid.getGridClass() == openvdb::GRID_FOG_VOLUME)
-    fail(path, name + " is a fog volume (densities), not a level set", "convert it to a level set");
-  if (!(background > 0) || !std::isfinite(background))
-    fail(path, fmt::format("{} has the background {}; a level set's is the positive width of its band", name, background),
-         "convert it to a level set");
-  if (grid.getGridClass() != openvdb::GRID_LEVEL_SET) result.warnings.push_back(name + " is not marked as a level set; it is taken for one");
-
-  float deepest = 0;
-  bool bad = false;
-  for (auto value = grid.cbeginValueOn(); value; ++value) {
-    bad = bad || !std::isfinite(*value);
-    deepest = std::min(deepest, *value);
-  }
-  if (bad) fail(path, name + " holds values that are not finite", "write it again");
+  const Similarity placement = placement_of(grid, level_set.shift, path);
   const std::unique_ptr<MeshDistance> surface = surface_of(grid, executor);
   if (!surface) fail(path, name + " has no surface: no neighbouring voxels have different signs", "is it a level set, negative inside?");
 
@@ -191,14 +106,15 @@ ReadSdf complete(FloatGrid& grid, const std::string& path, Executor& executor, u
   plan.voxel_size = 1;  // local space is index space; the placement holds the rest
   plan.lower = surface->lower();
   plan.upper = surface->upper();
-  plan.band = background * to_index;
+  plan.band = level_set.band * to_index;
   plan.memory_limit = memory_limit;
   plan.true_distances = false;
-  const FloatGrid& source = grid;
   result.sdf = openvdb_side::build_sdf(executor, plan, [&](const Vec3d& local, uint32_t& hint) {
     const openvdb::Coord ijk(static_cast<int>(std::lround(local.x)), static_cast<int>(std::lround(local.y)), static_cast<int>(std::lround(local.z)));
     float value = 0;
-    if (source.tree().probeValue(ijk, value) || value > 0) return value * to_index;
+    const bool active = grid.tree().probeValue(ijk, value);
+    const bool is_tile = value < 0 && grid.tree().getValueDepth(ijk) < static_cast<int>(openvdb::FloatTree::DEPTH) - 1;  // one value for many places
+    if (value > 0 || (active && !is_tile)) return value * to_index;
     return -std::abs(surface->signed_distance_near(local, hint).distance);
   });
   result.sdf.placement = placement;
@@ -211,12 +127,11 @@ namespace openvdb_side {
 
 ReadSdf read_sdf(const std::string& path, const std::string& name, Executor& executor, uint64_t memory_limit) {
   openvdb::initialize();
-  FloatGrid::Ptr grid;
-  if (ends_with(path, ".vdb")) grid = read_vdb(path, name);
-  if (ends_with(path, ".nvdb")) grid = read_nvdb(path, name);
-  if (!grid) fail(path, "the name must end in .vdb or .nvdb", "level sets are read from OpenVDB and NanoVDB files");
-  if (grid->empty()) fail(path, "grid '" + grid->getName() + "' is empty", "is the right grid named?");
-  return complete(*grid, path, executor, memory_limit);
+  const bool open = ends_with(path, ".vdb");
+  if (!open && !ends_with(path, ".nvdb")) fail(path, "the name must end in .vdb or .nvdb", "level sets are read from OpenVDB and NanoVDB files");
+  ReadSdf result;
+  const LevelSet level_set = choose_level_set(open ? read_openvdb_file(path) : read_nanovdb_file(path), path, name, result.warnings);
+  return complete(level_set, std::move(result), path, executor, memory_limit);
 }
 
 void write_sdf(const std::string& path, const Sdf& sdf, const std::string& name) {

@@ -37,8 +37,9 @@ struct ReadSdf {
   std::vector<std::string> warnings;
 };
 
-// A level set from a .vdb or .nvdb file: the grid of that name, or the first scalar level set when `name` is empty. The grid's transform becomes voxel_size
-// and placement; it must be a similarity. A grid that only knows a narrow band inside is completed from its own surface. Throws Error(kFile).
+// A level set from a .vdb or .nvdb file: the grid of that name, or the first level set that holds something when `name` is empty. The grid's transform becomes
+// voxel_size and placement; it must be a similarity. A grid that only knows a narrow band inside is completed from its own surface, and what can be mended
+// (level_set.cpp) is, with a warning. Throws Error(kFile).
 ReadSdf read_sdf(const std::string& path, const std::string& name, Executor& executor, uint64_t memory_limit = uint64_t{2} << 30);
 
 // Writes a level set in world units, whole or not at all; the extension chooses the format. The placement becomes the grid's transform.
