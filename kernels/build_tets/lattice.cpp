@@ -167,24 +167,6 @@ class Weigher {
   Tets around_;
 };
 
-// Entries too small to matter dropped, the rest rounded so that their sum is 1 to the last place.
-void append(const Row& row, std::vector<uint32_t>& indices, std::vector<float>& weights) {
-  constexpr double kLeast = 1e-7;
-  double sum = 0;
-  for (size_t i = 0; i < row.count; ++i)
-    if (row.weights[i] > kLeast) sum += row.weights[i];
-  const size_t first = weights.size();
-  double rounded = 0;
-  for (size_t i = 0; i < row.count; ++i) {
-    if (row.weights[i] <= kLeast) continue;
-    indices.push_back(row.indices[i]);
-    weights.push_back(static_cast<float>(row.weights[i] / sum));
-    rounded += double{weights.back()};
-  }
-  float& largest = *std::max_element(weights.begin() + static_cast<ptrdiff_t>(first), weights.end());
-  largest = static_cast<float>(double{largest} + (1 - rounded));
-}
-
 }  // namespace
 
 std::vector<uint32_t> bind_vertices(const Octree& octree, const Cells& cells, const Copies& copies, const SoftBody& body, std::vector<Vec3d>& points,
@@ -227,7 +209,8 @@ LatticeRows make_lattice_rows(const Octree& octree, const Cells& cells, const Co
     Part& part = parts[begin / kPiece];
     for (size_t v = begin; v < end; ++v) {
       const size_t before = part.indices.size();
-      append(weigher.row(copy_of_vertex[v], points[v]), part.indices, part.weights);
+      const Row row = weigher.row(copy_of_vertex[v], points[v]);
+      append_row(std::span(row.indices).first(row.count), std::span(row.weights).first(row.count), part.indices, part.weights);
       part.counts.push_back(static_cast<uint32_t>(part.indices.size() - before));
     }
   });

@@ -65,6 +65,24 @@ void mean_value_coordinates(std::span<const Vec3d> vertices, std::span<const std
   for (double& w : weights) w /= sum;
 }
 
+void append_row(std::span<const uint32_t> row_indices, std::span<const double> row_weights, std::vector<uint32_t>& indices,
+                std::vector<float>& weights) {
+  constexpr double kLeast = 1e-7;
+  double sum = 0;
+  for (const double weight : row_weights)
+    if (weight > kLeast) sum += weight;
+  const size_t first = weights.size();
+  double rounded = 0;
+  for (size_t i = 0; i < row_weights.size(); ++i) {
+    if (row_weights[i] <= kLeast) continue;
+    indices.push_back(row_indices[i]);
+    weights.push_back(static_cast<float>(row_weights[i] / sum));
+    rounded += double{weights.back()};
+  }
+  float& largest = *std::max_element(weights.begin() + static_cast<ptrdiff_t>(first), weights.end());
+  largest = static_cast<float>(double{largest} + (1 - rounded));
+}
+
 void fill_lattice_tables(const LatticeRows& rows, std::span<const uint8_t> used, uint32_t tet_vertices, Lattice& lattice, Executor& executor) {
   lattice.map = make_neighbour_table({rows.offsets, rows.indices, rows.weights, 1}, PadIndex::kZero, Lanes::kAll, executor);
   std::vector<uint32_t> offsets(size_t{tet_vertices} + 1, 0);

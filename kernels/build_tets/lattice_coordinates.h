@@ -27,6 +27,10 @@ struct LatticeRows {
   std::vector<float> weights;
 };
 
+// A row more: entries too small to matter dropped, the rest rounded so that their sum is 1 to the last place.
+void append_row(std::span<const uint32_t> row_indices, std::span<const double> row_weights, std::vector<uint32_t>& indices,
+                std::vector<float>& weights);
+
 // Both tables of a Lattice. `used[i]` = 0 keeps vertex i of M out of the way back to H: it follows the body and does not move it.
 void fill_lattice_tables(const LatticeRows& rows, std::span<const uint8_t> used, uint32_t tet_vertices, Lattice& lattice, Executor& executor);
 

@@ -80,10 +80,10 @@ NeighbourTable edge_table(const std::vector<std::array<uint32_t, 2>>& edges, std
 
 }  // namespace
 
-void sort_vertices(RawTets& raw) {
-  const size_t vertices = raw.places.size();
+std::vector<uint32_t> vertex_order(const std::vector<std::array<int32_t, 3>>& places, const std::vector<std::array<uint32_t, 4>>& tets) {
+  const size_t vertices = places.size();
   std::vector<uint32_t> valence(vertices, 0);
-  for (const auto& tet : raw.tets)
+  for (const auto& tet : tets)
     for (const uint32_t v : tet) ++valence[v];
   struct Keyed {
     uint32_t valence;
@@ -92,18 +92,25 @@ void sort_vertices(RawTets& raw) {
   };
   std::vector<Keyed> order(vertices);
   for (uint32_t v = 0; v < vertices; ++v) {
-    const auto& at = raw.places[v];
+    const auto& at = places[v];
     order[v] = {valence[v], morton_key(static_cast<uint32_t>(at[0]), static_cast<uint32_t>(at[1]), static_cast<uint32_t>(at[2])), v};
   }
   std::sort(order.begin(), order.end(), [](const Keyed& a, const Keyed& b) { return a.key != b.key ? a.key < b.key : a.vertex < b.vertex; });
   for (size_t begin = 0; begin < vertices; begin += kSortWindow)
     std::stable_sort(order.begin() + static_cast<ptrdiff_t>(begin), order.begin() + static_cast<ptrdiff_t>(std::min(begin + kSortWindow, vertices)),
                      [](const Keyed& a, const Keyed& b) { return a.valence > b.valence; });
-  std::vector<uint32_t> renumbered(vertices);
-  std::vector<std::array<int32_t, 3>> places(vertices);
-  for (uint32_t i = 0; i < vertices; ++i) {
-    renumbered[order[i].vertex] = i;
-    places[i] = raw.places[order[i].vertex];
+  std::vector<uint32_t> vertex_at(vertices);
+  for (uint32_t i = 0; i < vertices; ++i) vertex_at[i] = order[i].vertex;
+  return vertex_at;
+}
+
+void sort_vertices(RawTets& raw) {
+  const std::vector<uint32_t> vertex_at = vertex_order(raw.places, raw.tets);
+  std::vector<uint32_t> renumbered(vertex_at.size());
+  std::vector<std::array<int32_t, 3>> places(vertex_at.size());
+  for (uint32_t i = 0; i < vertex_at.size(); ++i) {
+    renumbered[vertex_at[i]] = i;
+    places[i] = raw.places[vertex_at[i]];
   }
   raw.places = std::move(places);
   for (auto& tet : raw.tets)
@@ -112,22 +119,44 @@ void sort_vertices(RawTets& raw) {
     if (v != Octree::kNone) v = renumbered[v];
 }
 
-TetMesh make_tet_mesh(const RawTets& raw, const std::array<int32_t, 3>& origin, Executor& executor) {
-  constexpr double kUnit = kPlaceUnit;
+TetMesh make_tet_mesh(const std::vector<Vec3d>& positions, const std::vector<std::array<uint32_t, 4>>& tets, std::span<const float> volumes,
+                      Executor& executor) {
   TetMesh mesh;
-  const size_t vertices = raw.places.size();
-  if (raw.tets.size() > UINT32_MAX / 4) throw Error(ErrorCode::kMemory, "H has more than 2^30 tets", "lower max_depth or min_depth");
-  const auto position = [&](uint32_t v) {
-    const auto& at = raw.places[v];
-    return (1 / kUnit) * Vec3d{double(at[0] - origin[0]), double(at[1] - origin[1]), double(at[2] - origin[2])};
-  };
+  const size_t vertices = positions.size();
+  if (tets.size() > UINT32_MAX / 4) throw Error(ErrorCode::kMemory, "H has more than 2^30 tets", "lower max_depth or min_depth");
   mesh.rest = Buffer<Vec3f>(vertices);
   Vec3f* rest = mesh.rest.data_for_write();
-  for (uint32_t v = 0; v < vertices; ++v) rest[v] = to_float(position(v));
+  for (size_t v = 0; v < vertices; ++v) rest[v] = to_float(positions[v]);
+  mesh.tets = Buffer<std::array<uint32_t, 4>>(tets);
+  mesh.rest_volumes = Buffer<float>(std::vector<float>(volumes.begin(), volumes.end()));
 
-  mesh.tets = Buffer<std::array<uint32_t, 4>>(raw.tets);
-  mesh.rest_volumes = Buffer<float>(raw.tets.size());
-  float* volumes = mesh.rest_volumes.data_for_write();
+  const CornerLists lists(tets, vertices);
+  const std::vector<std::array<uint32_t, 2>> edges = edges_of(tets, lists, executor);
+  mesh.edges = Buffer<std::array<uint32_t, 2>>(edges);
+  mesh.rest_lengths = Buffer<float>(edges.size());
+  float* lengths = mesh.rest_lengths.data_for_write();
+  double sum = 0;
+  for (size_t e = 0; e < edges.size(); ++e) {
+    const double size = length(positions[edges[e][1]] - positions[edges[e][0]]);
+    lengths[e] = static_cast<float>(size);
+    sum += size;
+  }
+  mesh.mean_edge = static_cast<float>(sum / static_cast<double>(edges.size()));
+  mesh.vertex_tets = tet_table(tets, mesh.rest_volumes.host(), lists, executor);
+  mesh.vertex_strips = make_strips(mesh.vertex_tets, executor);
+  mesh.lane_volumes = lane_sums(mesh.vertex_tets);
+  mesh.vertex_edges = edge_table(edges, mesh.rest_lengths.host(), vertices, executor);
+  return mesh;
+}
+
+TetMesh make_tet_mesh(const RawTets& raw, const std::array<int32_t, 3>& origin, Executor& executor) {
+  constexpr double kUnit = kPlaceUnit;
+  std::vector<Vec3d> positions(raw.places.size());
+  for (size_t v = 0; v < positions.size(); ++v) {
+    const auto& at = raw.places[v];
+    positions[v] = (1 / kUnit) * Vec3d{double(at[0] - origin[0]), double(at[1] - origin[1]), double(at[2] - origin[2])};
+  }
+  std::vector<float> volumes(raw.tets.size());
   executor.parallel_ranges(raw.tets.size(), kPiece, [&](size_t begin, size_t end) {
     for (size_t t = begin; t < end; ++t) {
       const auto& [a, b, c, d] = raw.tets[t];
@@ -135,24 +164,7 @@ TetMesh make_tet_mesh(const RawTets& raw, const std::array<int32_t, 3>& origin, 
                                       (6 * kUnit * kUnit * kUnit));
     }
   });
-
-  const CornerLists lists(raw.tets, vertices);
-  const std::vector<std::array<uint32_t, 2>> edges = edges_of(raw.tets, lists, executor);
-  mesh.edges = Buffer<std::array<uint32_t, 2>>(edges);
-  mesh.rest_lengths = Buffer<float>(edges.size());
-  float* lengths = mesh.rest_lengths.data_for_write();
-  double sum = 0;
-  for (size_t e = 0; e < edges.size(); ++e) {
-    const double size = length(position(edges[e][1]) - position(edges[e][0]));
-    lengths[e] = static_cast<float>(size);
-    sum += size;
-  }
-  mesh.mean_edge = static_cast<float>(sum / static_cast<double>(edges.size()));
-  mesh.vertex_tets = tet_table(raw.tets, mesh.rest_volumes.host(), lists, executor);
-  mesh.vertex_strips = make_strips(mesh.vertex_tets, executor);
-  mesh.lane_volumes = lane_sums(mesh.vertex_tets);
-  mesh.vertex_edges = edge_table(edges, mesh.rest_lengths.host(), vertices, executor);
-  return mesh;
+  return make_tet_mesh(positions, raw.tets, volumes, executor);
 }
 
 }  // namespace knead
