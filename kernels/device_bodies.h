@@ -1,7 +1,9 @@
 // Internal: the bodies that devices run, for device_bodies.cu and for builds without CUDA.
 #pragma once
-#include "kernels/equilibrium/contact_body.h"
+#include "kernels/array_ops_body.h"
+#include "kernels/equilibrium/contact_samples_body.h"
 #include "kernels/equilibrium/elastic_body.h"
+#include "kernels/equilibrium/enclosed_volume_body.h"
 #include "kernels/equilibrium/gather_forces_body.h"
 #include "kernels/equilibrium/hessian_body.h"
 #include "kernels/equilibrium/lbfgs_body.h"

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include "kernels/check_size.h"
 #include "kernels/lane_table.h"
-#include "kernels/loop/loop_points.h"
 #include "kernels/parallel.h"
 #include "kernels/sdf_sample.h"
 #include "kernels/surface/mesh_distance.h"

@@ -31,6 +31,15 @@ void parallel_for(Executor& executor, size_t n, const char* label, const Body& b
   });
 }
 
+// The same for a body that names its kernel.
+template <class Body>
+requires requires {
+  Body::kKernel;
+}
+void parallel_for(Executor& executor, size_t n, const Body& body, size_t grain = kGrain) {
+  parallel_for(executor, n, Body::kKernel, body, grain);
+}
+
 // Of piece(begin, end) over fixed pieces of n indices, one after the other, to `start`. At most kMostPieces partial results, on the stack.
 template <class T, class Piece, class Combine>
 T reduce_pieces(Executor& executor, size_t n, const char* label, T start, const Piece& piece, const Combine& combine, size_t least_grain = kGrain) {

@@ -11,16 +11,7 @@
 namespace knead {
 namespace {
 
-constexpr float kSkin = 3;            // cells: samples as near as this to a collider are listed
-constexpr double kBulk = 10;          // stiffness of the enclosed volume over the body's own; the memory does the rest
-constexpr double kGapPressure = 0.5;  // up to which a contact keeps some of its gap, over the body's own stiffness
-constexpr float kMostOfBand = 0.5f;   // of a field's outside band that the gap may take
 constexpr size_t kFewSamples = ContactEnergy::kGrain;
-constexpr double kDeep = 2.1;          // a way in that is so many times as long as the nearest way out of what is deepest is gone step by step
-constexpr double kOfThickness = 0.25;  // of a collider's half thickness: how far it comes in at a time,
-constexpr double kMostSteps = 100;     // but in no more steps than this on its account
-constexpr float kNearby = 0.2f;        // cells: samples as near to a collider as this share a state's pushes
-constexpr double kOneSide = 0.3;       // of their area: how far the samples inside a collider must agree on the way in
 
 }  // namespace
 
@@ -35,13 +26,13 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
       sums_(sums),
       seen_(seen),
       force_(filled<Row4>(executor, rest.samples.size() + 1)),
-      push_(filled<Row4>(executor, on_host() ? rest.rows : 0)),
+      force_on_h_(filled<Row4>(executor, on_host() ? rest.rows : 0)),
       now_(rest.samples.vertices + 1, executor.memory()),
       volume_gradient_(rest.samples.vertices + 1, executor.memory()),
-      memory_(filled<float>(executor, colliders.size() * rest.samples.size() + 1)),
-      distance_(memory_.size(), executor.memory()),
+      multiplier_(filled<float>(executor, colliders.size() * rest.samples.size() + 1)),
+      distance_(multiplier_.size(), executor.memory()),
       slack_(filled<float>(executor, rest.samples.size())),
-      skin_(kSkin) {
+      skin_(static_cast<float>(settings.constants.contact.skin)) {
   if (colliders.size() > kMostColliders)
     throw Error(ErrorCode::kInput,
                 std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
@@ -54,7 +45,7 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.rest = s.sample_rest;
   body_.area = s.area;
   body_.slack = slack_.data_for_write();
-  body_.memory = memory_.data_for_write();
+  body_.multiplier = multiplier_.data_for_write();
   body_.travelled = &sums_->travelled;
   body_.result = &sums_->contact;
   body_.distance = distance_.data_for_write();
@@ -63,13 +54,13 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.samples = static_cast<uint32_t>(samples());
   body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
-  body_.gap = static_cast<float>(settings.gap * rest_.diagonal);
+  body_.law.gap = static_cast<float>(settings.gap * rest_.diagonal);
   body_.friction = static_cast<float>(settings.friction);
-  normal_ = filled<Row4>(executor_, memory_.size());
+  normal_ = filled<Row4>(executor_, multiplier_.size());
   body_.normal = normal_.data_for_write();
   if (settings.friction > 0) {
-    stuck_ = filled<Row4>(executor_, memory_.size());
-    began_ = filled<float>(executor_, memory_.size(), std::bit_cast<uint32_t>(-1.0f));
+    stuck_ = filled<Row4>(executor_, multiplier_.size());
+    began_ = filled<float>(executor_, multiplier_.size(), std::bit_cast<uint32_t>(-1.0f));
     body_.stuck = stuck_.data_for_write();
     body_.began = began_.data_for_write();
   }
@@ -79,9 +70,10 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
     body_.colliders[k] = view_collider(*colliders[k], executor_.device(), to_world);
     const float band = colliders[k]->outside_band * body_.colliders[k].scale;
     skin_ = std::min(skin_, band);
-    body_.gap = std::min(body_.gap, std::max(0.0f, kMostOfBand * (band - body_.margin)));
+    body_.law.gap = std::min(body_.law.gap, std::max(0.0f, static_cast<float>(settings.constants.contact.most_of_band) * (band - body_.margin)));
   }
-  body_.gentle = static_cast<float>(kGapPressure * (1 + rest_.bulk) / std::max(1e-20, static_cast<double>(body_.gap) * body_.stiffness));
+  body_.law.gentle = static_cast<float>(settings.constants.contact.gap_pressure * (1 + rest_.lame) /
+                                        std::max(1e-20, static_cast<double>(body_.law.gap) * body_.stiffness));
 }
 
 void EquilibriumContacts::evaluate(const Row4* u, bool again) {
@@ -89,7 +81,7 @@ void EquilibriumContacts::evaluate(const Row4* u, bool again) {
   body_.known = again;
   reduce(executor_, on_host() ? list_.size() : samples(), body_);
   if (keeps_volume()) add_volume();
-  if (on_host()) spread();
+  if (on_host()) scatter_forces();
 }
 
 // Values in the executor's memory: on a device a transfer.
@@ -104,20 +96,20 @@ std::vector<float> EquilibriumContacts::read(const float* values, size_t n) cons
   return seen;
 }
 
-// Few samples push: their forces go to H's vertices one after the other.
-void EquilibriumContacts::spread() {
-  Row4* push = push_.data_for_write();
-  for (const uint32_t p : pushed_) push[p] = {0, 0, 0, 0};
-  pushed_.clear();
+// Few samples have a force: the forces go to H's vertices one after the other.
+void EquilibriumContacts::scatter_forces() {
+  Row4* to = force_on_h_.data_for_write();
+  for (const uint32_t p : loaded_) to[p] = {0, 0, 0, 0};
+  loaded_.clear();
   const SampleTable& s = rest_.samples;
   const Row4* force = force_.host().data();
-  const uint32_t first = keeps_volume() ? s.vertices : 0;  // with the volume all vertices push
+  const uint32_t first = keeps_volume() ? s.vertices : 0;  // With the enclosed volume all of M's vertices have a force, which H's vertices gather.
   for (const uint32_t i : list_) {
     if (i < first || (force[i].x == 0 && force[i].y == 0 && force[i].z == 0)) continue;
     for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e) {
       const uint32_t p = s.indices[e];
-      push[p] = to_row(to_vec(push[p]) + s.weights[e] * to_vec(force[i]));
-      pushed_.push_back(p);
+      to[p] = to_row(to_vec(to[p]) + s.weights[e] * to_vec(force[i]));
+      loaded_.push_back(p);
     }
   }
 }
@@ -125,7 +117,7 @@ void EquilibriumContacts::spread() {
 void EquilibriumContacts::list_samples(const Row4* u, float travelled) {
   body_.u = u;
   float* slack = slack_.data_for_write();
-  parallel_for(executor_, samples(), "contact_list", ContactRoom{body_, slack, skin_, travelled});
+  parallel_for(executor_, samples(), ContactRoom{body_, slack, skin_, travelled});
   if (!on_host()) return;
   list_.clear();
   for (uint32_t s = 0; s < samples(); ++s)
@@ -145,7 +137,7 @@ Vec3d EquilibriumContacts::against_patch(const float* distance) const {
       area += length(part);
     }
   const double size = length(facing);
-  return size > kOneSide * area && area > 0 ? (-1 / size) * facing : Vec3d{0, 0, 0};
+  return size > settings_.constants.way_in.one_side * area && area > 0 ? (-1 / size) * facing : Vec3d{0, 0, 0};
 }
 
 bool EquilibriumContacts::find_entries(const Vec3d& given) {
@@ -168,7 +160,7 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
     input.margin = settings_.margin;
     ways = ways_in(host, input, rest_.surface.topology->triangles, [&]() -> const MeshDistance& { return rest_.searchable(host); });
   }
-  places_.assign(body_.colliders, body_.colliders + body_.count);
+  final_views_.assign(body_.colliders, body_.colliders + body_.count);
   ways_.assign(body_.count, Vec3d{0, 0, 0});
   bool any = false;
   for (uint32_t k = 0; k < body_.count; ++k) {
@@ -177,7 +169,7 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
     undecided_ += !is_given && ways[k].undecided;
     const float* distance = distances.data() + k * s.size();
     const double deepest = -rest_.to_local.scale * static_cast<double>(*std::min_element(distance, distance + s.size()));
-    if (!is_given && ways[k].length > kDeep * deepest) {
+    if (!is_given && ways[k].length > settings_.constants.way_in.deep * deepest) {
       ways_[k] = (ways[k].length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(ways[k].direction);
       find_beginnings(k, (1 / length(ways_[k])) * ways_[k]);
       continue;
@@ -186,13 +178,12 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
     if (length(entry) == 0) continue;
     find_beginnings(k, entry);
     body_.entry[k] = to_float(entry);
-    parallel_for(executor_, s.size(), "contact_exit", ContactExit{body_, k, is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits},
-                 kFewSamples);
+    parallel_for(executor_, s.size(), ContactExit{body_, k, is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits}, kFewSamples);
     any = true;
     if (!is_given) continue;
     const std::vector<float> gone = read(exits, s.size());
     ways_[k] = static_cast<double>(std::max(0.0f, *std::max_element(gone.begin(), gone.end()))) * entry;
-    parallel_for(executor_, s.size(), "fill_words", FillWords{reinterpret_cast<uint32_t*>(exits), kNone});
+    parallel_for(executor_, s.size(), FillWords{reinterpret_cast<uint32_t*>(exits), kNone});
   }
   body_.exits = any ? exits_.data_for_write() : nullptr;
   return any || longest_way() > 0;
@@ -201,7 +192,7 @@ bool EquilibriumContacts::find_entries(const Vec3d& given) {
 void EquilibriumContacts::find_beginnings(uint32_t k, const Vec3d& entry) {
   if (began_.empty()) return;
   body_.entry[k] = to_float(entry);
-  parallel_for(executor_, samples(), "contact_beginning", ContactExit{body_, k, 0, began_.data_for_write() + k * samples()}, kFewSamples);
+  parallel_for(executor_, samples(), ContactExit{body_, k, 0, began_.data_for_write() + k * samples()}, kFewSamples);
 }
 
 size_t EquilibriumContacts::enclosed() const {
@@ -211,13 +202,13 @@ size_t EquilibriumContacts::enclosed() const {
     lower = {std::min(lower.x, y.x), std::min(lower.y, y.y), std::min(lower.z, y.z)};
     upper = {std::max(upper.x, y.x), std::max(upper.y, y.y), std::max(upper.z, y.z)};
   }
-  const std::vector<float> memory = read(body_.memory, body_.count * samples()), distances = this->distances();
+  const std::vector<float> multipliers = read(body_.multiplier, body_.count * samples()), distances = this->distances();
   Executor& host = on_host() ? executor_ : stand_in();
   size_t count = 0;
   for (size_t k = 0; k < colliders_.size(); ++k) {
-    const auto pushes = [&](size_t i) { return body_.push_of(memory[i] - distances[i]).push > 0; };
+    const auto has_force = [&](size_t i) { return body_.law.at(multipliers[i] - distances[i]).force > 0; };
     size_t i = k * samples();
-    while (i < (k + 1) * samples() && !pushes(i)) ++i;
+    while (i < (k + 1) * samples() && !has_force(i)) ++i;
     if (i < (k + 1) * samples()) continue;
     const Vec3f c = body_.colliders[k].centre;
     if (c.x < lower.x || c.y < lower.y || c.z < lower.z || c.x > upper.x || c.y > upper.y || c.z > upper.z) continue;  // most frames without contact
@@ -234,14 +225,14 @@ double EquilibriumContacts::longest_way() const {
 
 // How far a collider may come in at a time, cells: else flesh gets past its middle, and stays on the wrong side with tets inside out.
 double EquilibriumContacts::most_at_a_time(size_t k) const {
-  return kOfThickness * static_cast<double>(colliders_[k]->inside_depth) * static_cast<double>(body_.colliders[k].scale);
+  return settings_.constants.way_in.of_thickness * static_cast<double>(colliders_[k]->inside_depth) * static_cast<double>(body_.colliders[k].scale);
 }
 
 double EquilibriumContacts::steps_in(double stride) const {
   double steps = 0;
   for (size_t k = 0; k < ways_.size(); ++k) {
     const double way = length(ways_[k]), most = most_at_a_time(k);
-    steps = std::max({steps, way / stride, most > 0 ? std::min(way / most, kMostSteps) : 0});
+    steps = std::max({steps, way / stride, most > 0 ? std::min(way / most, settings_.constants.way_in.most_steps) : 0});
   }
   return steps;
 }
@@ -260,19 +251,19 @@ void EquilibriumContacts::stand_back(double share) {
   for (size_t k = 0; k < ways_.size(); ++k) {
     const Vec3f shift = to_float(-share * ways_[k]);
     ColliderView& view = body_.colliders[k];
-    view = places_[k];
-    view.offset = CollidePush::to_index(view, -shift);
+    view = final_views_[k];
+    view.offset = view.to_index(-shift);
     view.centre += shift;
   }
 }
 
 void EquilibriumContacts::set_pressures(std::span<const float> contacts, double volume) {
-  std::vector<float> memory(body_.count * samples(), 0.0f);
-  if (contacts.size() == memory.size())
-    std::transform(contacts.begin(), contacts.end(), memory.begin(), [&](float p) { return p / body_.stiffness; });
-  const double volume_memory = volume / volume_stiffness();
-  executor_.copy(memory.data(), Device{}, memory_.data_for_write(), executor_.device(), memory.size() * sizeof(float));
-  executor_.copy(&volume_memory, Device{}, &sums_->volume.memory, executor_.device(), sizeof volume_memory);
+  std::vector<float> multipliers(body_.count * samples(), 0.0f);
+  if (contacts.size() == multipliers.size())
+    std::transform(contacts.begin(), contacts.end(), multipliers.begin(), [&](float p) { return p / body_.stiffness; });
+  const double volume_multiplier = volume / volume_stiffness();
+  executor_.copy(multipliers.data(), Device{}, multiplier_.data_for_write(), executor_.device(), multipliers.size() * sizeof(float));
+  executor_.copy(&volume_multiplier, Device{}, &sums_->volume.multiplier, executor_.device(), sizeof volume_multiplier);
   executor_.synchronise();
 }
 
@@ -280,24 +271,25 @@ void EquilibriumContacts::set_pressures(std::span<const float> contacts, double 
 // near the collider, by area: the same force, as smooth as H is.
 Buffer<float> EquilibriumContacts::pressures() const {
   const SampleTable& s = rest_.samples;
-  const std::vector<float> memory = read(body_.memory, body_.count * samples()), distances = this->distances();
-  Buffer<float> pressures(memory.size());
+  const std::vector<float> multipliers = read(body_.multiplier, body_.count * samples()), distances = this->distances();
+  const float nearby = static_cast<float>(settings_.constants.contact.nearby);
+  Buffer<float> pressures(multipliers.size());
   float* pressure = pressures.data_for_write();
   for (uint32_t k = 0; k < body_.count; ++k) {
-    std::vector<double> force(rest_.places, 0), area(rest_.places, 0);
-    const float *lambda = memory.data() + k * s.size(), *phi = distances.data() + k * s.size();
-    const auto is_near = [&](size_t i) { return lambda[i] > 0 || phi[i] < kNearby; };
-    const auto each_place = [&](size_t i, auto&& f) {
+    std::vector<double> force(rest_.vertices, 0), area(rest_.vertices, 0);
+    const float *lambda = multipliers.data() + k * s.size(), *phi = distances.data() + k * s.size();
+    const auto is_near = [&](size_t i) { return lambda[i] > 0 || phi[i] < nearby; };
+    const auto each_vertex = [&](size_t i, auto&& f) {
       for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e) f(s.indices[e], static_cast<double>(s.weights[e]));
     };
     for (size_t i = 0; i < s.size(); ++i) {
       if (!is_near(i)) continue;
-      const double push = body_.stiffness * body_.push_of(lambda[i] - phi[i]).push;
-      each_place(i, [&](uint32_t p, double w) { force[p] += w * s.area[i] * push, area[p] += w * s.area[i]; });
+      const double pressure_here = body_.stiffness * body_.law.at(lambda[i] - phi[i]).force;
+      each_vertex(i, [&](uint32_t p, double w) { force[p] += w * s.area[i] * pressure_here, area[p] += w * s.area[i]; });
     }
     for (size_t i = 0; i < s.size(); ++i) {
       double sum = 0;
-      if (is_near(i)) each_place(i, [&](uint32_t p, double w) { sum += area[p] > 0 ? w * force[p] / area[p] : 0; });
+      if (is_near(i)) each_vertex(i, [&](uint32_t p, double w) { sum += area[p] > 0 ? w * force[p] / area[p] : 0; });
       pressure[k * s.size() + i] = static_cast<float>(std::max(0.0, sum));
     }
   }
@@ -305,26 +297,27 @@ Buffer<float> EquilibriumContacts::pressures() const {
 }
 
 void EquilibriumContacts::stick() {
-  if (body_.friction > 0) parallel_for(executor_, body_.count * samples(), "copy_quads", CopyQuads{body_.normal, stuck_.data_for_write()});
+  if (body_.friction > 0) parallel_for(executor_, body_.count * samples(), CopyRows{body_.normal, stuck_.data_for_write()});
 }
 
-void EquilibriumContacts::update_memory() {
+void EquilibriumContacts::update_multipliers() {
   Row4* stuck = body_.friction > 0 ? stuck_.data_for_write() : nullptr;
-  parallel_for(executor_, on_host() ? list_.size() : samples(), "contact_memory",
-               ContactMemory{body_, memory_.data_for_write(), slack_.data_for_write(), stuck});
-  parallel_for(executor_, 1, "remember_volume", RememberVolume{&sums_->volume});
+  parallel_for(executor_, on_host() ? list_.size() : samples(),
+               UpdateMultiplier{body_, multiplier_.data_for_write(), slack_.data_for_write(), stuck});
+  parallel_for(executor_, 1, UpdateVolumeMultiplier{&sums_->volume});
 }
 
 void EquilibriumContacts::stiffen(float by) {
   body_.stiffness *= by;
-  body_.gentle /= by;
-  parallel_for(executor_, body_.count * samples(), "scale_floats", ScaleFloats{memory_.data_for_write(), 1 / by});
+  body_.law.gentle /= by;
+  parallel_for(executor_, body_.count * samples(), ScaleFloats{multiplier_.data_for_write(), 1 / by});
 }
 
 void EquilibriumContacts::make_blocks(float* blocks) const {
   const RestTables& s = rest_.on;
-  if (!on_host()) return executor_.launch(ContactBlocks{body_, s.back_offsets, s.back_samples, s.back_weights, s.free, blocks}, rest_.places);
-  std::fill_n(blocks, kBlock * size_t{rest_.places}, 0.0f);
+  if (!on_host())
+    return executor_.launch(ContactBlocks{body_, s.transpose_offsets, s.transpose_samples, s.transpose_weights, s.free, blocks}, rest_.vertices);
+  std::fill_n(blocks, kBlock * size_t{rest_.vertices}, 0.0f);
   for (const uint32_t i : list_)
     for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
       if (s.free[s.indices[e]] != 0) body_.add_block(i, s.weights[e], blocks + kBlock * size_t{s.indices[e]});
@@ -334,23 +327,23 @@ void EquilibriumContacts::make_blocks(float* blocks) const {
 void EquilibriumContacts::add_volume() {
   const uint32_t n = rest_.samples.vertices;
   Row4 *now = now_.data_for_write(), *gradient = volume_gradient_.data_for_write();
-  parallel_for(executor_, n, "vertex_places", VertexPlaces{body_, now});
-  reduce(executor_, n, VolumeGradient{now, rest_.on.fan_offsets, rest_.on.fans, gradient, &sums_->volume});
-  parallel_for(executor_, n, "volume_push", VolumePush{gradient, &sums_->volume, body_.slack, body_.force, skin_});
+  parallel_for(executor_, n, VertexPositions{body_, now});
+  reduce(executor_, n, VolumeGradient{now, rest_.on.link_offsets, rest_.on.link_edges, gradient, &sums_->volume});
+  parallel_for(executor_, n, AddVolumeForce{gradient, &sums_->volume, body_.slack, body_.force, skin_});
 }
 
 double EquilibriumContacts::volume_stiffness() const {
-  return kBulk * (1 + rest_.bulk);
+  return settings_.constants.multiplier.volume_stiffness * (1 + rest_.lame);
 }
 double EquilibriumContacts::volume_compliance() const {
   return std::abs(seen_.volume.rest) / volume_stiffness();
 }
 
-void EquilibriumContacts::volume_gradient(Row4* by_place) const {
+void EquilibriumContacts::volume_gradient(Row4* to) const {
   const RestTables& s = rest_.on;
-  parallel_for(executor_, rest_.places, "volume_by_place",
-               VolumeByPlace{volume_gradient_.view(executor_.device()).data(), rest_.samples.vertices, s.back_offsets, s.back_samples, s.back_weights,
-                             s.free, by_place});
+  parallel_for(executor_, rest_.vertices,
+               VolumeGradientOfH{volume_gradient_.view(executor_.device()).data(), rest_.samples.vertices, s.transpose_offsets, s.transpose_samples,
+                                 s.transpose_weights, s.free, to});
 }
 
 }  // namespace knead

@@ -1,10 +1,10 @@
-// What presses a body in one frame (kernels/equilibrium/equilibrium.h): the samples of M against the colliders, each with its memory, and the volume that M
-// encloses, which has a memory too.
+// What presses a body in one frame (kernels/equilibrium/equilibrium.h): the samples of M against the colliders, each with a multiplier (an augmented Lagrangian; the
+// node calls the multiplier a memory), and the volume that M encloses, which has a multiplier too.
 #pragma once
 #include <span>
 #include <vector>
 
-#include "kernels/equilibrium/contact_body.h"
+#include "kernels/equilibrium/contact_samples_body.h"
 #include "kernels/equilibrium/energy_sums.h"
 #include "kernels/equilibrium/rest_tables.h"
 #include "kernels/equilibrium/rows.h"
@@ -19,9 +19,9 @@ class EquilibriumContacts {
   // Forces with H displaced by u, and their energy to `sums`, where `travelled` says how far any vertex of H has gone since the last call of
   // list_samples, or more. `sums` is in the executor's memory; what the host has last seen of it is in `seen`. `again`: u is as it was the last time.
   void evaluate(const Row4* u, bool again);
-  // By place: the samples' forces. Null on a device, where every place gathers them.
-  const Row4* pushes() const { return on_host() ? push_.host().data() : nullptr; }
-  // By sample, to be added to that: on the host what acts on all vertices of M at once. Null when nothing does.
+  // Contact forces by permuted vertex of H. Null on a device, where every vertex gathers the forces of its samples.
+  const Row4* forces_on_h() const { return on_host() ? force_on_h_.host().data() : nullptr; }
+  // Forces by sample, in addition: on the host the forces on all vertices of M, when the enclosed volume is kept. Null when no vertex gathers.
   const Row4* forces() const { return keeps_volume() || !on_host() ? force_.view(executor_.device()).data() : nullptr; }
 
   // Finds the samples that may come in contact before H has travelled skin(). `travelled`: how far it has since the last call, or more, cells; negative:
@@ -41,32 +41,32 @@ class EquilibriumContacts {
   bool by_entries() const { return body_.exits != nullptr; }
   void forget_entries() { body_.exits = nullptr; }
 
-  // Pushes to begin with, and those of now: EquilibriumState has them so. To begin with friction, find_entries at rest, then stick where samples are pushed.
+  // Pressures to begin with, and those of now, as EquilibriumState has them. To begin with friction, call find_entries at rest, then stick where samples have a force.
   void set_pressures(std::span<const float> contacts, double volume);
   Buffer<float> pressures() const;  // after evaluate
-  double volume_pressure() const { return seen_.volume.stiffness * (seen_.volume.memory + seen_.volume.error); }
+  double volume_pressure() const { return seen_.volume.stiffness * (seen_.volume.multiplier + seen_.volume.error); }
   void stick();
 
-  // lambda <- max(0, lambda - phi) after evaluate; the same for the volume.
-  void update_memory();
+  // Every multiplier becomes its contact's force, after evaluate; the same for the volume.
+  void update_multipliers();
   // Stiffer contacts under the same forces.
   void stiffen(float by);
 
-  // What the samples that push add to the diagonal of a metric: blocks by place (kernels/multigrid/multigrid_body.h), in the executor's memory.
+  // What the samples with a force add to the diagonal of a metric: blocks by permuted vertex (kernels/multigrid/multigrid_body.h), in the executor's memory.
   void make_blocks(float* blocks) const;
 
-  bool keeps_volume() const { return !rest_.fans.empty(); }
+  bool keeps_volume() const { return !rest_.link_edges.empty(); }
   double volume_error() const { return seen_.volume.error; }
   double volume_stiffness() const;   // kb
   double volume_compliance() const;  // the inverse of the enclosed volume's second derivative along its gradient
-  // The gradient of the enclosed volume by place, of the last evaluate.
-  void volume_gradient(Row4* by_place) const;
+  // The gradient of the enclosed volume by permuted vertex of H, of the last evaluate.
+  void volume_gradient(Row4* to) const;
 
  private:
   Vec3d against_patch(const float* distance) const;             // to one collider
   void find_beginnings(uint32_t collider, const Vec3d& entry);  // for friction
   void add_volume();
-  void spread();
+  void scatter_forces();
   size_t samples() const { return rest_.samples.size(); }
   bool on_host() const { return executor_.device() == Device{}; }
   std::vector<float> read(const float* values, size_t n) const;
@@ -81,14 +81,15 @@ class EquilibriumContacts {
   EquilibriumSums* const sums_;
   const EquilibriumSums& seen_;
   ContactEnergy body_{};
-  Buffer<Row4> force_, push_, now_, volume_gradient_;
-  Buffer<float> memory_, distance_;
+  Buffer<Row4> force_, force_on_h_, now_, volume_gradient_;
+  Buffer<float> multiplier_, distance_;
   Buffer<Row4> normal_, stuck_;
   Buffer<float> began_;
-  std::vector<ColliderView> places_;  // where the colliders are in the end
-  std::vector<Vec3d> ways_;           // along which they come there
+  std::vector<ColliderView> final_views_;  // where the colliders are in the end
+  std::vector<Vec3d> ways_;                // along which the colliders come there
   Buffer<float> slack_, exits_;
-  std::vector<uint32_t> list_, pushed_;  // samples that may push; places that are pushed; on the host
+  std::vector<uint32_t> list_;    // on the host: the samples that may have a force
+  std::vector<uint32_t> loaded_;  // on the host: the vertices of H with a force in force_on_h_
   float skin_;
   size_t undecided_ = 0;
 };

@@ -142,7 +142,7 @@ struct ElasticTets {
   template <class F>
   KNEAD_HD Result<F> lane(uint32_t t) const {
     using L = Lane<F>;
-    using R = Rows4<F>;
+    using R = RowLanes<F>;
     const Vec3<F> u0 = R::load(u, corners + t);
     const TetCorners<F> s{R::load(u, corners + stride + t) - u0, R::load(u, corners + 2 * stride + t) - u0,
                           R::load(u, corners + 3 * stride + t) - u0};

@@ -2,6 +2,7 @@
 #pragma once
 #include "kernels/equilibrium/contact_body.h"
 #include "kernels/equilibrium/elastic_body.h"
+#include "kernels/equilibrium/enclosed_volume_body.h"
 #include "kernels/equilibrium/gather_forces_body.h"
 
 namespace knead {
@@ -11,8 +12,8 @@ struct EquilibriumSums {
   ContactSum contact;
   EnclosedVolume volume;
   GatherForces::Sum forces;
-  float travelled = 0;  // since contacts were listed, cells
-  float step = 0;       // from the last place, cells
+  float travelled = 0;  // how far any vertex of H has gone since contacts were listed, cells
+  float step = 0;       // how far any vertex of H has gone in the last step, cells
   double slope = 0;     // of the energy along the direction
 };
 

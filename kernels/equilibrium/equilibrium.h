@@ -7,6 +7,7 @@
 #include <string>
 
 #include "graph/executor.h"
+#include "kernels/equilibrium/constants.h"
 #include "kernels/equilibrium/elastic_body.h"
 #include "kernels/port_types.h"
 
@@ -69,14 +70,15 @@ struct PortTraits<EquilibriumState> {
 };
 
 struct EquilibriumSettings {
-  int max_iterations = 150;    // beside those of the way in
-  double gradient = 3e-4;      // at rest when the sum of forces is below this part of the contact forces,
-  double displacement = 2e-5;  // when the last step moved no vertex of H further than this part of M's diagonal,
-  double penetration = 1e-4;   // and when no contact is off by more than this part of M's diagonal, and a twentieth of it in the mean (RMS, by area)
-  double contact = 5;          // stiffness of a contact before its memory fills, relative to the body's own
-  double gap = 2e-3;           // of M's diagonal: how far outside a collider its push begins, from nothing; see ContactEnergy::push_of
-  double friction = 0;         // how much of a contact's push may pull back along the collider's surface to where the contact began
-  int memory_interval = 15;    // iterations after which the contact memory is updated in any case
+  EquilibriumConstants constants;  // for studies
+  int max_iterations = 150;        // beside those of the way in
+  double gradient = 3e-4;          // at rest when the sum of forces is below this part of the contact forces,
+  double displacement = 2e-5;      // when the last step moved no vertex of H further than this part of M's diagonal,
+  double penetration = 1e-4;  // and when no contact is off by more than this part of M's diagonal, and a twentieth of it in the mean (RMS, by area)
+  double contact = 5;         // stiffness of a contact before its memory fills, relative to the body's own
+  double gap = 2e-3;          // of M's diagonal: how far outside a collider its push begins, from nothing; see ContactEnergy::push_of
+  double friction = 0;        // how much of a contact's push may pull back along the collider's surface to where the contact began
+  int memory_interval = 15;   // iterations after which the contact memory is updated in any case
   double memory_gradient = 0.1;             // or when the relative gradient is below this
   double margin = 0;                        // M's local units
   Vec3d entry{0, 0, 0};                     // the way that the colliders came in, world; zero: told from the rest shape

@@ -6,42 +6,45 @@
 
 namespace knead {
 
-// One place of H: the sum of what acts on it.
+// The sum of the forces on one vertex of H.
 struct GatherForces {
   static constexpr const char* kKernel = "gather_forces";
-  const Row4* forces;  // by slot
-  const uint32_t *slot_offsets, *slots;
+  const Row4* forces;                                   // [4][stride] by corner of a tet, as ElasticTets leaves them
+  const uint32_t *incident_offsets, *incident_corners;  // by vertex: the rows of `forces` that act on it
   const Row4* u;
   const float *hold, *free;
-  const Row4* pushes;   // by place; may be null
-  const Row4* contact;  // by sample, in addition; may be null
-  const uint32_t *back_offsets, *back_samples;
-  const float* back_weights;
+  const Row4* contact_on_h;  // contact forces by vertex of H; may be null
+  const Row4* contact;       // contact forces by sample, in addition; may be null
+  const uint32_t *transpose_offsets, *transpose_samples;
+  const float* transpose_weights;
   Row4* gradient;
   struct Sum {
-    double squares = 0, load = 0, energy = 0;
+    double squares = 0;  // of the gradient
+    double load = 0;     // squares of the contact forces
+    double energy = 0;   // of the hold
   };
   Sum* result;
 
   KNEAD_HD Sum operator()(uint32_t p) const {
-    Quad sum{0, 0, 0, 0};
-    for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) sum = sum + quad_at(forces, slots[e]);
-    const Quad at = quad_at(u, p);
+    RowValue sum{0, 0, 0, 0};
+    for (uint32_t e = incident_offsets[p]; e < incident_offsets[p + 1]; ++e) sum = sum + row_at(forces, incident_corners[e]);
+    const RowValue at = row_at(u, p);
     sum = sum + at * hold[p];
-    Quad push{0, 0, 0, 0};
-    if (pushes) push = quad_at(pushes, p);
+    RowValue load{0, 0, 0, 0};
+    if (contact_on_h) load = row_at(contact_on_h, p);
     if (contact)
-      for (uint32_t e = back_offsets[p]; e < back_offsets[p + 1]; ++e) push = push + quad_at(contact, back_samples[e]) * back_weights[e];
-    sum = (sum + push) * free[p];
-    push = push * free[p];
-    put_quad(gradient, p, sum);
-    return {squared(sum), squared(push), 0.5 * static_cast<double>(hold[p]) * static_cast<double>(squared(at))};
+      for (uint32_t e = transpose_offsets[p]; e < transpose_offsets[p + 1]; ++e)
+        load = load + row_at(contact, transpose_samples[e]) * transpose_weights[e];
+    sum = (sum + load) * free[p];
+    load = load * free[p];
+    put_row(gradient, p, sum);
+    return {squared(sum), squared(load), 0.5 * static_cast<double>(hold[p]) * static_cast<double>(squared(at))};
   }
   static KNEAD_HD Sum combine(const Sum& a, const Sum& b) { return {a.squares + b.squares, a.load + b.load, a.energy + b.energy}; }
   KNEAD_HD void finish(const Sum& sum) const { *result = sum; }
 };
 
-// The farthest that any place is in one shape from where it is in the other, or a little more.
+// How far any vertex of H is in one shape from where the vertex is in the other, or a little more.
 struct Farthest {
   static constexpr const char* kKernel = "farthest";
   const Row4 *a, *b;

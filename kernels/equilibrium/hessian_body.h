@@ -75,11 +75,11 @@ struct TetGradients {
 struct HessianRow {
   static constexpr const char* kKernel = "hessian_row";
   static constexpr float kFloating = 1e-5f;                 // a floating body without hold stays solvable in float32
-  static constexpr uint16_t kOwn = 0xffff, kNone = 0xfffe;  // places
+  static constexpr uint16_t kOwn = 0xffff, kNone = 0xfffe;  // of `entries`: the diagonal block, and a block that is left out
   const float* gradients;                                   // of TetGradients
   size_t stride;
-  const uint32_t *slot_offsets, *slots;  // by vertex: which of the tets' corners it is
-  const uint16_t* places;                // [slots][4] where in the row the block with the tet's corner is
+  const uint32_t *incident_offsets, *incident_corners;  // by vertex: which of the tets' corners the vertex is
+  const uint16_t* entries;                              // [incident_corners][4] where in the row the block with the tet's corner is
   const float *hold, *free;
   const uint32_t* offsets;  // of the rows
   float *value, *diagonal;
@@ -89,7 +89,7 @@ struct HessianRow {
   KNEAD_HD void operator()(uint32_t p) const {
     if (changed_tets) {
       bool any = false;
-      for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) any = any || changed_tets[slots[e] % stride];
+      for (uint32_t e = incident_offsets[p]; e < incident_offsets[p + 1]; ++e) any = any || changed_tets[incident_corners[e] % stride];
       changed[p] = any;
       if (!any) return;
     }
@@ -97,14 +97,14 @@ struct HessianRow {
     clear_blocks(value, offsets[p], offsets[p + 1]);
     for (uint32_t k = 0; k < kBlock; ++k) own[k] = k % 4 != 0 ? 0 : free[p] == 0 ? 1 : hold[p];
     if (free[p] == 0) return;
-    for (uint32_t e = slot_offsets[p]; e < slot_offsets[p + 1]; ++e) {
-      const float* tet = gradients + TetGradients::kFloats * (slots[e] % stride);
-      const float* i = tet + 6 * (slots[e] / stride);
+    for (uint32_t e = incident_offsets[p]; e < incident_offsets[p + 1]; ++e) {
+      const float* tet = gradients + TetGradients::kFloats * (incident_corners[e] % stride);
+      const float* i = tet + 6 * (incident_corners[e] / stride);
       for (uint32_t c = 0; c < 4; ++c) {
-        const uint16_t place = places[4 * static_cast<size_t>(e) + c];
-        if (place == kNone) continue;
+        const uint16_t entry = entries[4 * static_cast<size_t>(e) + c];
+        if (entry == kNone) continue;
         const float* j = tet + 6 * c;
-        float* to = place == kOwn ? own : row + kBlock * place;
+        float* to = entry == kOwn ? own : row + kBlock * entry;
         const float same = i[0] * j[0] + i[1] * j[1] + i[2] * j[2];
         for (uint32_t k = 0; k < 3; ++k)
           for (uint32_t r = 0; r < 3; ++r) to[3 * k + r] += i[3 + r] * j[3 + k] + (r == k ? same : 0.0f);

@@ -6,47 +6,47 @@
 
 namespace knead {
 
-Descent::Descent(Executor& executor, const EquilibriumRest& rest)
+Lbfgs::Lbfgs(Executor& executor, const EquilibriumRest& rest)
     : executor_(executor),
       rest_(rest),
-      steps_(size_t{History::kMost} * rest.places, executor.memory()),
+      steps_(size_t{LbfgsSums::kMost} * rest.vertices, executor.memory()),
       changes_(steps_.size(), executor.memory()),
-      history_(1, executor.memory()),
-      bulk_(executor, rest.rows),
-      bulk_solved_(executor, rest.grids->solve_rows()) {}
+      sums_(1, executor.memory()),
+      volume_(executor, rest.rows),
+      volume_solved_(executor, rest.grids->solve_rows()) {}
 
-PairRows Descent::pairs() {
-  return {steps_.data_for_write(), changes_.data_for_write(), rest_.places};
+PairRows Lbfgs::pairs() {
+  return {steps_.data_for_write(), changes_.data_for_write(), rest_.vertices};
 }
 
-void Descent::remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after, double along) {
-  ring_ = {std::min(ring_.pairs + 1, History::kMost), (ring_.newest + 1) % History::kMost};
-  const size_t at = size_t{ring_.newest} * rest_.places;
-  reduce(executor_, rest_.places,
+void Lbfgs::remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after, double along) {
+  ring_ = {std::min(ring_.pairs + 1, LbfgsSums::kMost), (ring_.newest + 1) % LbfgsSums::kMost};
+  const size_t at = size_t{ring_.newest} * rest_.vertices;
+  reduce(executor_, rest_.vertices,
          RememberPair{pairs(), ring_, before.data(), after.data(), gradient_before.data(), gradient_after.data(), steps_.data_for_write() + at,
-                      changes_.data_for_write() + at, history_.data_for_write(), along});
-  parallel_for(executor_, rest_.places, "damp_pair", DampPair{changes_.data_for_write() + at, gradient_before.data(), history_.data_for_write()});
+                      changes_.data_for_write() + at, sums_.data_for_write(), along});
+  parallel_for(executor_, rest_.vertices, DampPair{changes_.data_for_write() + at, gradient_before.data(), sums_.data_for_write()});
 }
 
-void Descent::renew_bulk(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work) {
+void Lbfgs::renew_volume_term(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work) {
   keeps_volume_ = true;
-  contacts.volume_gradient(bulk_.data());
-  parallel_for(executor_, rest_.places, "copy_quads", CopyQuads{bulk_.data(), bulk_solved_.data()});
-  metric.solve(executor_, lanes, bulk_solved_.data(), work, grid);
-  reduce(executor_, rest_.places, BulkOver{bulk_.data(), bulk_solved_.data(), contacts.volume_compliance(), history_.data_for_write()});
+  contacts.volume_gradient(volume_.data());
+  parallel_for(executor_, rest_.vertices, CopyRows{volume_.data(), volume_solved_.data()});
+  metric.solve(executor_, lanes, volume_solved_.data(), work, grid);
+  reduce(executor_, rest_.vertices, VolumeTermScale{volume_.data(), volume_solved_.data(), contacts.volume_compliance(), sums_.data_for_write()});
 }
 
-void Descent::make(const Multigrid& metric, const EnergySimd& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope,
-                   Row4* work) {
-  const size_t n = rest_.places;
-  History* history = history_.data_for_write();
+void Lbfgs::make(const Multigrid& metric, const EnergySimd& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope,
+                 Row4* work) {
+  const size_t n = rest_.vertices;
+  LbfgsSums* sums = sums_.data_for_write();
   Row4 *g = gradient.data(), *d = direction.data();
-  reduce(executor_, n, FirstLoop{pairs(), ring_, g, history});
-  parallel_for(executor_, n, "history_apply", WithoutChanges{pairs(), ring_, g, history, d});
+  reduce(executor_, n, FirstLoop{pairs(), ring_, g, sums});
+  parallel_for(executor_, n, WithoutChanges{pairs(), ring_, g, sums, d});
   metric.solve(executor_, lanes, d, work, grid);
-  if (keeps_volume_) reduce(executor_, n, BulkAlong{bulk_.data(), d, history});
-  reduce(executor_, n, SecondLoop{pairs(), ring_, keeps_volume_ ? bulk_solved_.data() : nullptr, d, history, scale});
-  reduce(executor_, n, Downhill{pairs(), ring_, history, g, d, slope});
+  if (keeps_volume_) reduce(executor_, n, VolumeTermPart{volume_.data(), d, sums});
+  reduce(executor_, n, SecondLoop{pairs(), ring_, keeps_volume_ ? volume_solved_.data() : nullptr, d, sums, scale});
+  reduce(executor_, n, Downhill{pairs(), ring_, sums, g, d, slope});
 }
 
 }  // namespace knead

@@ -6,16 +6,16 @@
 
 namespace knead {
 
-class Descent {
+class Lbfgs {
  public:
-  Descent(Executor& executor, const EquilibriumRest& rest);
+  Lbfgs(Executor& executor, const EquilibriumRest& rest);
 
   // After make and a step `along` its direction.
   void remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gradient_after, double along);
   void forget() { ring_.pairs = 0; }
   bool remembers() const { return ring_.pairs > 0; }
   // What the enclosed volume adds to `metric`.
-  void renew_bulk(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work);
+  void renew_volume_term(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work);
   // direction <- -(metric of the pairs) gradient; `slope`: their product, in the executor's memory. `grid`: of the metric, as solve has it.
   void make(const Multigrid& metric, const EnergySimd& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work);
 
@@ -24,10 +24,10 @@ class Descent {
 
   Executor& executor_;
   const EquilibriumRest& rest_;
-  Buffer<Row4> steps_, changes_;  // [kMost][places]
-  Buffer<History> history_;
-  Rows bulk_, bulk_solved_;
-  Ring ring_{0, History::kMost - 1};
+  Buffer<Row4> steps_, changes_;  // [kMost][vertices]
+  Buffer<LbfgsSums> sums_;
+  Rows volume_, volume_solved_;
+  LbfgsRing ring_{0, LbfgsSums::kMost - 1};
   bool keeps_volume_ = false;
 };
 

@@ -20,14 +20,14 @@ struct Found {
   double least = -1e30;
 };
 
-// An H as places, with the tets round each.
+// An H by permuted vertices, with the tets around each.
 class Mesh {
  public:
-  Mesh(Executor& executor, const EquilibriumRest& rest) : rest_(rest), corners_(rest.corners.host().data()), at_(rest.places) {
-    std::vector<Vec3f> by_vertex(rest.places);
+  Mesh(Executor& executor, const EquilibriumRest& rest) : rest_(rest), corners_(rest.corners.host().data()), at_(rest.vertices) {
+    std::vector<Vec3f> by_vertex(rest.vertices);
     executor.copy(rest.rest.view(executor.device()).data(), executor.device(), by_vertex.data(), Device{}, rest.rest.bytes());
     executor.synchronise();
-    for (uint32_t p = 0; p < rest.places; ++p) at_[p] = to_double(by_vertex[rest.vertex_at[p]]);
+    for (uint32_t p = 0; p < rest.vertices; ++p) at_[p] = to_double(by_vertex[rest.vertex_at[p]]);
   }
   size_t tets() const { return rest_.tets; }
   const Vec3d& at(uint32_t p) const { return at_[p]; }
@@ -35,7 +35,8 @@ class Mesh {
   std::array<uint32_t, 4> corners(uint32_t tet) const { return {corner(tet, 0), corner(tet, 1), corner(tet, 2), corner(tet, 3)}; }
   template <class F>
   void each_tet(uint32_t p, F&& f) const {
-    for (uint32_t e = rest_.slot_offsets[p]; e < rest_.slot_offsets[p + 1]; ++e) f(static_cast<uint32_t>(rest_.slots[e] % rest_.stride));
+    for (uint32_t e = rest_.incident_offsets[p]; e < rest_.incident_offsets[p + 1]; ++e)
+      f(static_cast<uint32_t>(rest_.incident_corners[e] % rest_.stride));
   }
   template <class F>
   void each_neighbour(uint32_t p, F&& f) const {
@@ -123,11 +124,11 @@ uint32_t binding_tet(const EquilibriumRest& from, const Mesh& mesh, const Walker
   return tet;
 }
 
-// By place: the vertex of M that it has most to do with; kNone: it binds none.
+// By permuted vertex: the vertex of M that has most to do with the vertex; kNone: none has.
 std::vector<uint32_t> bound_vertices(const EquilibriumRest& rest) {
   const SampleTable& s = rest.samples;
-  std::vector<uint32_t> bound(rest.places, kNone);
-  std::vector<float> weight(rest.places, 0);
+  std::vector<uint32_t> bound(rest.vertices, kNone);
+  std::vector<float> weight(rest.vertices, 0);
   for (uint32_t m = 0; m < s.vertices; ++m)
     for (uint32_t e = s.offsets[m]; e < s.offsets[m + 1]; ++e)
       if (s.weights[e] > weight[s.indices[e]]) weight[s.indices[e]] = s.weights[e], bound[s.indices[e]] = m;
@@ -141,13 +142,13 @@ MeshTransfer make_mesh_transfer(Executor& executor, const EquilibriumRest& from,
   const Walker walker(coarse);
   const Similarity across = from.to_local.inverse() * to.to_local;
   const auto target = [&](uint32_t p) { return across.apply(fine.at(p)); };
-  std::vector<Found> found(to.places);
+  std::vector<Found> found(to.vertices);
   std::vector<uint32_t> queue;
-  queue.reserve(to.places);
+  queue.reserve(to.vertices);
 
   const std::vector<uint32_t> bound = bound_vertices(to);
   std::map<uint32_t, uint32_t> tet_of;
-  for (uint32_t p = 0; p < to.places; ++p) {
+  for (uint32_t p = 0; p < to.vertices; ++p) {
     if (bound[p] == kNone) continue;
     const auto [known, is_new] = tet_of.try_emplace(bound[p], kNone);
     if (is_new) known->second = binding_tet(from, coarse, walker, bound[p]);
@@ -172,12 +173,12 @@ MeshTransfer make_mesh_transfer(Executor& executor, const EquilibriumRest& from,
     }
 
   MeshTransfer table;
-  table.places.assign(to.places, {0, 0, 0, 0});
-  table.weights.assign(to.places, {0, 0, 0, 0});
+  table.vertices.assign(to.vertices, {0, 0, 0, 0});
+  table.weights.assign(to.vertices, {0, 0, 0, 0});
   for (const uint32_t p : queue) {
     const Found& f = found[p];
     table.outside += f.least < kOutside;
-    table.places[p] = coarse.corners(f.tet);
+    table.vertices[p] = coarse.corners(f.tet);
     const double near = std::min(1.0, (0.25 - kFarthest) / (0.25 - f.least));
     for (size_t c = 0; c < 4; ++c) table.weights[p][c] = static_cast<float>(0.25 + near * (f.weights[c] - 0.25));
   }

@@ -5,13 +5,12 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <numeric>
 
 #include "graph/error.h"
+#include "kernels/check_size.h"
 #include "kernels/equilibrium/energy_simd.h"
 #include "kernels/loop/hold.h"
-#include "kernels/loop/loop_points.h"
 #include "kernels/neighbour_table.h"
 #include "kernels/parallel.h"
 
@@ -19,8 +18,9 @@ namespace knead {
 namespace {
 
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
-constexpr float kChanged = 0.05f;      // of TetGradients: a metric that is off by so much in some tets serves as well
-constexpr double kLeastVolume = 1e-5;  // of the diagonal's cube: a surface that encloses less has no volume to keep
+constexpr double kLeastVolume = 1e-5;     // A surface that encloses less than this part of its diagonal's cube has no volume to keep.
+constexpr float kLeastStiffness = 1e-3f;  // Painted stiffness is at least this: no stiffness at all is no shape at all.
+constexpr double kPinHold = 100;          // A half pinned vertex has this hold in addition.
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -65,28 +65,36 @@ std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const
   return {on_tets.host().begin(), on_tets.host().end()};
 }
 
-// H's edges in places, lower first, rising.
-std::vector<std::array<uint32_t, 2>> make_edges(const TetMesh& tets, const std::vector<uint32_t>& place, std::span<const float> free) {
+// H's edges between permuted vertices, lower first, rising.
+std::vector<std::array<uint32_t, 2>> make_edges(const TetMesh& tets, const std::vector<uint32_t>& permuted, std::span<const float> free) {
   std::vector<std::array<uint32_t, 2>> edges;
   edges.reserve(tets.edges.size());
   for (const auto& edge : tets.edges.host()) {
-    const auto [p, q] = std::minmax(place[edge[0]], place[edge[1]]);
+    const auto [p, q] = std::minmax(permuted[edge[0]], permuted[edge[1]]);
     if (free[p] != 0 && free[q] != 0) edges.push_back({p, q});
   }
   std::sort(edges.begin(), edges.end());
   return edges;
 }
 
-// The triangles round each vertex of M, when they enclose a volume worth the name: every directed edge has its opposite.
-void make_fans(const Lattice& lattice, EquilibriumRest& rest) {
-  if (!lattice.rest.topology) return;
-  const std::vector<uint32_t>& triangles = lattice.rest.topology->triangles;
-  std::map<std::pair<uint32_t, uint32_t>, int> edges;
+// Whether every directed edge has its opposite.
+bool is_closed(const std::vector<uint32_t>& triangles) {
+  std::vector<std::array<uint32_t, 2>> edges, opposites;
   for (size_t c = 0; c < triangles.size(); ++c) {
     const uint32_t a = triangles[c], b = triangles[c % 3 == 2 ? c - 2 : c + 1];
-    edges[{std::min(a, b), std::max(a, b)}] += a < b ? 1 : -1;
+    edges.push_back({a, b});
+    opposites.push_back({b, a});
   }
-  if (triangles.empty() || std::any_of(edges.begin(), edges.end(), [](const auto& e) { return e.second != 0; })) return;
+  std::sort(edges.begin(), edges.end());
+  std::sort(opposites.begin(), opposites.end());
+  return edges == opposites;
+}
+
+// The link of each vertex of M: the edges opposite to the vertex in its triangles. Left empty unless M encloses a volume worth the name.
+void make_links(const Lattice& lattice, EquilibriumRest& rest) {
+  if (!lattice.rest.topology) return;
+  const std::vector<uint32_t>& triangles = lattice.rest.topology->triangles;
+  if (triangles.empty() || !is_closed(triangles)) return;
   double enclosed = 0;
   const auto points = lattice.rest.points.host();
   for (size_t c = 0; c + 2 < triangles.size(); c += 3) {
@@ -94,24 +102,25 @@ void make_fans(const Lattice& lattice, EquilibriumRest& rest) {
     enclosed += dot(p, cross(q, to_double(points[triangles[c + 2]]) - o)) / 6;
   }
   if (!(std::abs(enclosed) > kLeastVolume * std::pow(lattice.rest.diagonal(), 3))) return;
-  rest.fan_offsets.assign(lattice.rest.vertices() + 1, 0);
-  for (const uint32_t v : triangles) ++rest.fan_offsets[v + 1];
-  for (size_t v = 0; v + 1 < rest.fan_offsets.size(); ++v) rest.fan_offsets[v + 1] += rest.fan_offsets[v];
-  rest.fans.resize(2 * triangles.size());
-  std::vector<uint32_t> cursor(rest.fan_offsets.begin(), rest.fan_offsets.end() - 1);
+  rest.link_offsets.assign(lattice.rest.vertices() + 1, 0);
+  for (const uint32_t v : triangles) ++rest.link_offsets[v + 1];
+  for (size_t v = 0; v + 1 < rest.link_offsets.size(); ++v) rest.link_offsets[v + 1] += rest.link_offsets[v];
+  rest.link_edges.resize(2 * triangles.size());
+  std::vector<uint32_t> cursor(rest.link_offsets.begin(), rest.link_offsets.end() - 1);
   for (size_t c = 0; c < triangles.size(); ++c) {
     const size_t t = c / 3 * 3, next = (c - t + 1) % 3, after = (c - t + 2) % 3, at = 2 * size_t{cursor[triangles[c]]++};
-    rest.fans[at] = triangles[t + next];
-    rest.fans[at + 1] = triangles[t + after];
+    rest.link_edges[at] = triangles[t + next];
+    rest.link_edges[at + 1] = triangles[t + after];
   }
 }
 
-void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, EquilibriumRest& rest) {
+void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& permuted, EquilibriumRest& rest) {
   const auto tets = a.tets.tets.host();
   const auto volumes = a.tets.rest_volumes.host();
-  // Tets in the order of their first place: neighbours in memory are neighbours in space.
+  // Tets in the order of their first permuted vertex: neighbours in memory are neighbours in space.
   std::vector<std::pair<uint32_t, uint32_t>> order(tets.size());
-  for (uint32_t t = 0; t < tets.size(); ++t) order[t] = {std::min({place[tets[t][0]], place[tets[t][1]], place[tets[t][2]], place[tets[t][3]]}), t};
+  for (uint32_t t = 0; t < tets.size(); ++t)
+    order[t] = {std::min({permuted[tets[t][0]], permuted[tets[t][1]], permuted[tets[t][2]], permuted[tets[t][3]]}), t};
   std::sort(order.begin(), order.end());
   rest.tets = tets.size();
   rest.stride = (tets.size() + kLanes - 1) / kLanes * kLanes;
@@ -125,14 +134,14 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
   std::fill_n(shape, 9 * rest.stride, 0.0f);
   std::fill_n(mu, rest.stride, 0.0f);
   std::fill_n(lambda, rest.stride, 0.0f);
-  rest.slot_offsets.assign(place.size() + 1, 0);
+  rest.incident_offsets.assign(permuted.size() + 1, 0);
   for (size_t k = 0; k < order.size(); ++k) {
     const uint32_t t = order[k].second;
     const auto e = a.edges(tets[t]);
     const auto s = rest.term == ElasticTerm::kEdges ? e : shape_gradients(e);
     for (size_t c = 0; c < 4; ++c) {
-      corners[c * rest.stride + k] = place[tets[t][c]];
-      ++rest.slot_offsets[place[tets[t][c]] + 1];
+      corners[c * rest.stride + k] = permuted[tets[t][c]];
+      ++rest.incident_offsets[permuted[tets[t][c]] + 1];
     }
     for (size_t c = 0; c < 3; ++c)
       for (int d = 0; d < 3; ++d) shape[(3 * c + static_cast<size_t>(d)) * rest.stride + k] = static_cast<float>(s[c][d]);
@@ -141,11 +150,11 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& place, Equi
     rest.stiffness += m * volumes[t];
     lambda[k] = static_cast<float>(l * volumes[t]);
   }
-  for (size_t p = 0; p < place.size(); ++p) rest.slot_offsets[p + 1] += rest.slot_offsets[p];
-  rest.slots.resize(4 * tets.size());
-  std::vector<uint32_t> cursor(rest.slot_offsets.begin(), rest.slot_offsets.end() - 1);
+  for (size_t p = 0; p < permuted.size(); ++p) rest.incident_offsets[p + 1] += rest.incident_offsets[p];
+  rest.incident_corners.resize(4 * tets.size());
+  std::vector<uint32_t> cursor(rest.incident_offsets.begin(), rest.incident_offsets.end() - 1);
   for (size_t k = 0; k < order.size(); ++k)
-    for (size_t c = 0; c < 4; ++c) rest.slots[cursor[corners[c * rest.stride + k]]++] = static_cast<uint32_t>(c * rest.stride + k);
+    for (size_t c = 0; c < 4; ++c) rest.incident_corners[cursor[corners[c * rest.stride + k]]++] = static_cast<uint32_t>(c * rest.stride + k);
 }
 
 void check_memory(const RestFigures& figures, double limit) {
@@ -157,30 +166,85 @@ void check_memory(const RestFigures& figures, double limit) {
 }
 
 // Where in the metric's rows the blocks of a corner of a tet and each of the four go.
-void find_slot_places(EquilibriumRest& rest) {
+void find_incident_entries(EquilibriumRest& rest) {
   const SparseRows& pattern = rest.grids->pattern();
   const uint32_t* corners = rest.corners.host().data();
-  rest.slot_places.resize(4 * rest.slots.size());
-  for (uint32_t p = 0; p < rest.places; ++p) {
+  rest.incident_entries.resize(4 * rest.incident_corners.size());
+  for (uint32_t p = 0; p < rest.vertices; ++p) {
     const auto begin = pattern.index.begin() + pattern.offsets[p], end = pattern.index.begin() + pattern.offsets[p + 1];
-    for (uint32_t e = rest.slot_offsets[p]; e < rest.slot_offsets[p + 1]; ++e)
+    for (uint32_t e = rest.incident_offsets[p]; e < rest.incident_offsets[p + 1]; ++e)
       for (size_t c = 0; c < 4; ++c) {
-        const uint32_t q = corners[c * rest.stride + rest.slots[e] % rest.stride];
+        const uint32_t q = corners[c * rest.stride + rest.incident_corners[e] % rest.stride];
         const auto at = std::lower_bound(begin, end, q);
         const bool none = rest.free[p] == 0 || rest.free[q] == 0;
-        rest.slot_places[4 * size_t{e} + c] = q == p ? HessianRow::kOwn : none ? HessianRow::kNone : static_cast<uint16_t>(at - begin);
+        rest.incident_entries[4 * size_t{e} + c] = q == p ? HessianRow::kOwn : none ? HessianRow::kNone : static_cast<uint16_t>(at - begin);
       }
   }
 }
 
-std::vector<GridPlace> grid_places(const TetMesh& tets) {
-  std::vector<GridPlace> places;
-  places.reserve(tets.vertices());
+std::vector<GridPosition> grid_positions(const TetMesh& tets) {
+  std::vector<GridPosition> positions;
+  positions.reserve(tets.vertices());
   for (const Vec3f& x : tets.rest.host()) {
-    const auto place = [](float at) { return static_cast<int32_t>(std::lround(static_cast<double>(kGridUnit) * static_cast<double>(at))); };
-    places.push_back({place(x.x), place(x.y), place(x.z)});
+    const auto eighths = [](float at) { return static_cast<int32_t>(std::lround(static_cast<double>(kGridUnit) * static_cast<double>(at))); };
+    positions.push_back({eighths(x.x), eighths(x.y), eighths(x.z)});
   }
-  return places;
+  return positions;
+}
+
+// What needs no table. Throws when the metric would not fit.
+void begin_rest(const TetMesh& tets, const Lattice& lattice, const EquilibriumMaterial& material, EquilibriumRest& rest) {
+  rest.term = material.term;
+  rest.vertices = static_cast<uint32_t>(tets.vertices());
+  rest.rows = (rest.vertices + 15) / 16 * 16;
+  rest.rest = tets.rest;
+  rest.to_local = lattice.to_local;
+  rest.surface = lattice.rest;
+  rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
+  rest.lame = 2 * material.poisson_ratio / (1 - 2 * material.poisson_ratio);
+  rest.contact_scale = (1 + rest.lame) / std::max(tets.mean_edge, 1e-6f);
+  rest.figures.vertices = rest.vertices;
+  rest.figures.metric_bytes = MultigridGrids::expected_bytes(rest.vertices, tets.edges.size());
+  check_memory(rest.figures, material.memory_limit);
+}
+
+Assembly make_assembly(Executor& host, const TetMesh& tets, const Lattice& lattice, const EquilibriumMaterial& material) {
+  Assembly a{tets,
+             lattice,
+             material,
+             painted(host, material.stiffness_weights, lattice, "stiffness weights", false),
+             painted(host, material.volume_weights, lattice, "volume weights", false),
+             std::vector<double>(tets.vertices(), 0)};
+  for (float& w : a.stiffness) w = std::max(w, kLeastStiffness);
+  for (size_t t = 0; t < tets.tets.size(); ++t)
+    for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
+  return a;
+}
+
+// Finds the order of the vertices; returns their grid positions in that order.
+std::vector<GridPosition> permute(const TetMesh& tets, EquilibriumRest& rest) {
+  const std::vector<GridPosition> by_vertex = grid_positions(tets);
+  rest.vertex_at = order_in_space(by_vertex);
+  std::vector<GridPosition> positions(rest.vertices);
+  for (uint32_t p = 0; p < rest.vertices; ++p) positions[p] = by_vertex[rest.vertex_at[p]];
+  return positions;
+}
+
+// The pull to rest, and pins: below 1 they pull too, at 1 they hold for good.
+void make_hold(Executor& host, const Assembly& a, const std::vector<uint32_t>& permuted, EquilibriumRest& rest) {
+  const std::vector<float> hold = painted(host, a.material.hold_weights, a.lattice, "hold weights", false);
+  const std::vector<float> pins = painted(host, a.material.pins, a.lattice, "pins", true);
+  rest.hold.resize(rest.vertices);
+  rest.free.assign(rest.vertices, 1);
+  for (uint32_t v = 0; v < rest.vertices; ++v) {
+    double pull = a.material.hold * (hold.empty() ? 1.0 : hold[v]);
+    const double pin = pins.empty() ? 0 : pins[v];
+    if (pin >= 1)
+      rest.free[permuted[v]] = 0, rest.any_pinned = true;
+    else if (pin > 0)
+      pull += kPinHold * pin / (1 - pin);
+    rest.hold[permuted[v]] = static_cast<float>(pull / (rest.diagonal * rest.diagonal) * a.mass[v]);
+  }
 }
 
 }  // namespace
@@ -188,76 +252,38 @@ std::vector<GridPlace> grid_places(const TetMesh& tets) {
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
                                                            const EquilibriumMaterial& material) {
   const bool on_host = executor.device() == Device{};
-  Executor& host = on_host ? executor : stand_in();  // what is made once is made there
+  Executor& host = on_host ? executor : stand_in();  // What is made once is made on the host.
   require_size(lattice.tet_rest.size(), tets.vertices(), "equilibrium", "vertices in the lattice", "vertices of the tet mesh");
   const auto start = std::chrono::steady_clock::now();
   auto made = std::make_shared<EquilibriumRest>();
   EquilibriumRest& rest = *made;
-  const uint32_t n = static_cast<uint32_t>(tets.vertices());
-  rest.term = material.term;
-  rest.places = n;
-  rest.rows = (n + 15) / 16 * 16;
   rest.device = executor.device();
-  rest.rest = tets.rest;
-  rest.to_local = lattice.to_local;
-  rest.surface = lattice.rest;
-  rest.diagonal = std::max(lattice.rest.diagonal() / lattice.to_local.scale, 1e-6);
-
-  Assembly a{tets,
-             lattice,
-             material,
-             painted(host, material.stiffness_weights, lattice, "stiffness weights", false),
-             painted(host, material.volume_weights, lattice, "volume weights", false),
-             std::vector<double>(n, 0)};
-  for (float& w : a.stiffness) w = std::max(w, 1e-3f);  // no stiffness at all is no shape at all
-  const std::vector<float> hold = painted(host, material.hold_weights, lattice, "hold weights", false);
-  const std::vector<float> pins = painted(host, material.pins, lattice, "pins", true);
-  for (size_t t = 0; t < tets.tets.size(); ++t)
-    for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
-
-  rest.figures.vertices = n;
-  rest.figures.metric_bytes = MultigridGrids::expected_bytes(n, tets.edges.size());
-  check_memory(rest.figures, material.memory_limit);
-  const std::vector<GridPlace> by_vertex = grid_places(tets);
-  rest.vertex_at = order_in_space(by_vertex);
-  std::vector<uint32_t> place(n);
-  std::vector<GridPlace> places(n);
-  for (uint32_t p = 0; p < n; ++p) place[rest.vertex_at[p]] = p, places[p] = by_vertex[rest.vertex_at[p]];
-  make_tet_tables(a, place, rest);
+  begin_rest(tets, lattice, material, rest);
+  const Assembly assembly = make_assembly(host, tets, lattice, material);
+  const std::vector<GridPosition> positions = permute(tets, rest);
+  std::vector<uint32_t> permuted(rest.vertices);
+  for (uint32_t p = 0; p < rest.vertices; ++p) permuted[rest.vertex_at[p]] = p;
+  make_tet_tables(assembly, permuted, rest);
   material.check();
-  rest.samples = make_samples(lattice, place, material.contact_samples, !on_host);
+  rest.samples = make_samples(lattice, permuted, material.contact_samples, !on_host);
   material.check();
-
-  rest.hold.resize(n);
-  rest.free.assign(n, 1);
-  for (uint32_t v = 0; v < n; ++v) {
-    double pull = material.hold * (hold.empty() ? 1.0 : hold[v]);
-    const double pin = pins.empty() ? 0 : pins[v];
-    if (pin >= 1)
-      rest.free[place[v]] = 0, rest.any_pinned = true;
-    else if (pin > 0)
-      pull += 100 * pin / (1 - pin);
-    rest.hold[place[v]] = static_cast<float>(pull / (rest.diagonal * rest.diagonal) * a.mass[v]);
-  }
-  const double mean_lame = 2 * material.poisson_ratio / (1 - 2 * material.poisson_ratio);
-  rest.bulk = mean_lame;
-  if (material.keep_volume) make_fans(lattice, rest);
-  rest.contact_scale = (1 + mean_lame) / std::max(tets.mean_edge, 1e-6f);
+  make_hold(host, assembly, permuted, rest);
+  if (material.keep_volume) make_links(lattice, rest);
 
   const auto before_metric = std::chrono::steady_clock::now();
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  rest.grids = std::make_unique<MultigridGrids>(host, places, make_edges(tets, place, rest.free), rest.free, material.check_cancelled);
-  find_slot_places(rest);
+  rest.grids = std::make_unique<MultigridGrids>(host, positions, make_edges(tets, permuted, rest.free), rest.free, material.check_cancelled);
+  find_incident_entries(rest);
   rest.make_device_tables(host);
   rest.make_rest_hessian(host);
   rest.grids->measure(host, energy_simd(host), rest.hessian);
   if (!on_host) {
-    rest.grids->place(executor);
+    rest.grids->make_device_tables(executor);
     rest.rest = device_copy(executor, tets.rest.host());
     rest.make_device_tables(executor);
     rest.make_rest_hessian(executor);
-    executor.synchronise();  // other threads use them
+    executor.synchronise();  // Other threads use the tables.
   }
   rest.figures.metric_bytes = rest.grids->bytes();
   rest.figures.metric_seconds = seconds_since(before_metric);
@@ -265,69 +291,29 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   return made;
 }
 
-TetGradients EquilibriumRest::gradients_at(const Row4* u, float* to, uint8_t* changed) const {
-  return {u, on.corners, on.shape, on.mu, on.lambda, stride, to, changed, term, kChanged};
-}
-
-HessianRow EquilibriumRest::rows_of(const float* gradients, float* entries, float* diagonal, const uint8_t* changed_tets, uint8_t* changed) const {
-  return {gradients, stride,   on.slot_offsets, on.slots, on.slot_places, on.hold, on.free, grids->levels().front().a.offsets,
-          entries,   diagonal, changed_tets,    changed};
-}
-
-void EquilibriumRest::make_rest_hessian(Executor& executor) {
-  Buffer<float> gradients(TetGradients::kFloats * stride, executor.memory()), entries(kBlock * grids->levels().front().entries, executor.memory()),
-      diagonal(kBlock * size_t{places}, executor.memory());
-  float* of_tets = gradients.data_for_write();
-  parallel_for(executor, stride, "tet_gradients", gradients_at(nullptr, of_tets, nullptr));
-  parallel_for(executor, places, "hessian_row", rows_of(of_tets, entries.data_for_write(), diagonal.data_for_write(), nullptr, nullptr));
-  hessian = make_hessian(executor, *grids, std::move(entries), std::move(diagonal));
-}
-
-void EquilibriumRest::follow(Executor& executor, const Row4* u, ShapeHessian& shape) const {
-  if (shape.gradients.empty()) {
-    const auto copy = [&](const Buffer<float>& from) {
-      Buffer<float> to(from.size(), executor.memory());
-      parallel_for(executor, from.size(), "add_floats", AddFloats{from.view(executor.device()).data(), nullptr, to.data_for_write()},
-                   size_t{1} << 14);
-      return to;
-    };
-    shape.now = {copy(hessian.entries), copy(hessian.diagonal), copy(hessian.coarse_entries), copy(hessian.coarse_diagonal)};
-    shape.gradients = Buffer<float>(TetGradients::kFloats * stride, executor.memory());
-    shape.changed_tets = Buffer<uint8_t>(stride, executor.memory());
-    shape.changed = Buffer<uint8_t>(places, executor.memory());
-    parallel_for(executor, stride, "tet_gradients", gradients_at(nullptr, shape.gradients.data_for_write(), nullptr));
-  }
-  float* gradients = shape.gradients.data_for_write();
-  uint8_t *changed_tets = shape.changed_tets.data_for_write(), *changed = shape.changed.data_for_write();
-  parallel_for(executor, stride, "tet_gradients", gradients_at(u, gradients, changed_tets));
-  parallel_for(executor, places, "hessian_row",
-               rows_of(gradients, shape.now.entries.data_for_write(), shape.now.diagonal.data_for_write(), changed_tets, changed));
-  renew_coarse(executor, *grids, shape.now, changed);
-}
-
 void EquilibriumRest::make_device_tables(Executor& executor) {
-  const auto place = [&](const auto& table) { return device_tables_(executor, table); };
-  on.corners = place(corners.host());
-  on.slot_offsets = place(slot_offsets);
-  on.slots = place(slots);
-  on.slot_places = place(slot_places);
-  on.offsets = place(samples.offsets);
-  on.indices = place(samples.indices);
-  on.back_offsets = place(samples.back_offsets);
-  on.back_samples = place(samples.back_samples);
-  on.fan_offsets = place(fan_offsets);
-  on.fans = place(fans);
-  on.vertex_at = place(vertex_at);
-  on.shape = place(shape.host());
-  on.mu = place(mu.host());
-  on.lambda = place(lambda.host());
-  on.hold = place(hold);
-  on.free = place(free);
-  on.weights = place(samples.weights);
-  on.area = place(samples.area);
-  on.back_weights = place(samples.back_weights);
+  const auto put = [&](const auto& table) { return device_tables_(executor, table); };
+  on.corners = put(corners.host());
+  on.incident_offsets = put(incident_offsets);
+  on.incident_corners = put(incident_corners);
+  on.incident_entries = put(incident_entries);
+  on.offsets = put(samples.offsets);
+  on.indices = put(samples.indices);
+  on.transpose_offsets = put(samples.transpose_offsets);
+  on.transpose_samples = put(samples.transpose_samples);
+  on.link_offsets = put(link_offsets);
+  on.link_edges = put(link_edges);
+  on.vertex_at = put(vertex_at);
+  on.shape = put(shape.host());
+  on.mu = put(mu.host());
+  on.lambda = put(lambda.host());
+  on.hold = put(hold);
+  on.free = put(free);
+  on.weights = put(samples.weights);
+  on.area = put(samples.area);
+  on.transpose_weights = put(samples.transpose_weights);
   on.rest = rest.view(executor.device()).data();
-  on.sample_rest = place(samples.rest);
+  on.sample_rest = put(samples.rest);
   executor.synchronise();  // other threads use them
 }
 

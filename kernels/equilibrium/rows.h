@@ -11,8 +11,7 @@ namespace knead {
 template <class T>
 Buffer<T> filled(Executor& executor, size_t n, uint32_t word = 0) {
   Buffer<T> made(n, executor.memory());
-  parallel_for(executor, made.bytes() / sizeof word, "fill_words", FillWords{reinterpret_cast<uint32_t*>(made.data_for_write()), word},
-               size_t{1} << 16);
+  parallel_for(executor, made.bytes() / sizeof word, FillWords{reinterpret_cast<uint32_t*>(made.data_for_write()), word}, size_t{1} << 16);
   return made;
 }
 

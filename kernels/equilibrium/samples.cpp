@@ -27,26 +27,26 @@ std::vector<OnTriangle> points_within(const std::array<uint32_t, 3>& v, int step
   return found;
 }
 
-// The other way round: those of the first `samples` that a vertex of H moves.
-void turn_round(SampleTable& table, size_t places, size_t samples) {
-  table.back_offsets.assign(places + 1, 0);
+// The transpose: those of the first `samples` that a vertex of H moves.
+void transpose(SampleTable& table, size_t vertices, size_t samples) {
+  table.transpose_offsets.assign(vertices + 1, 0);
   const uint32_t entries = table.offsets[samples];
-  for (uint32_t e = 0; e < entries; ++e) ++table.back_offsets[table.indices[e] + 1];
-  for (size_t p = 0; p < places; ++p) table.back_offsets[p + 1] += table.back_offsets[p];
-  table.back_samples.resize(entries);
-  table.back_weights.resize(entries);
-  std::vector<uint32_t> cursor(table.back_offsets.begin(), table.back_offsets.end() - 1);
+  for (uint32_t e = 0; e < entries; ++e) ++table.transpose_offsets[table.indices[e] + 1];
+  for (size_t p = 0; p < vertices; ++p) table.transpose_offsets[p + 1] += table.transpose_offsets[p];
+  table.transpose_samples.resize(entries);
+  table.transpose_weights.resize(entries);
+  std::vector<uint32_t> cursor(table.transpose_offsets.begin(), table.transpose_offsets.end() - 1);
   for (uint32_t s = 0; s < samples; ++s)
     for (uint32_t e = table.offsets[s]; e < table.offsets[s + 1]; ++e) {
       const uint32_t at = cursor[table.indices[e]]++;
-      table.back_samples[at] = s;
-      table.back_weights[at] = table.weights[e];
+      table.transpose_samples[at] = s;
+      table.transpose_weights[at] = table.weights[e];
     }
 }
 
 }  // namespace
 
-SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& place, int steps, bool gathers) {
+SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& permuted, int steps, bool gathers) {
   SampleTable table;
   const Similarity to_cells = lattice.to_local.inverse();
   std::vector<Vec3d> points;
@@ -86,7 +86,7 @@ SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& pl
       if (share == 0) continue;
       at += share * points[v];
       for (const Neighbour& e : rows[v])
-        if (e.value != 0) row[place[e.indices[0]]] += share * e.value;
+        if (e.value != 0) row[permuted[e.indices[0]]] += share * e.value;
     }
     for (const auto& [p, w] : row) {
       table.indices.push_back(p);
@@ -100,7 +100,7 @@ SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& pl
   for (uint32_t i = 0; i < n; ++i) add({{{i, 1.0}, {i, 0.0}, {i, 0.0}}}, i);
   for (size_t s = 0; s < inner.size(); ++s) add(inner[s], n + s);
   table.vertices = n;
-  turn_round(table, place.size(), gathers ? table.size() : n);
+  transpose(table, permuted.size(), gathers ? table.size() : n);
   return table;
 }
 

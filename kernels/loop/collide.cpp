@@ -100,7 +100,7 @@ void collide_push(Executor& executor, const CollideInput& input, Vec3f* displace
 }
 
 void add_displacement(Executor& executor, std::span<const Vec3f> points, const Vec3f* displacement, Vec3f* moved) {
-  parallel_for(executor, points.size(), "add_displacement", AddDisplacement{points.data(), displacement, moved});
+  parallel_for(executor, points.size(), AddDisplacement{points.data(), displacement, moved});
 }
 
 namespace {
@@ -151,7 +151,7 @@ class Projector {
     const ColliderView& view = views_[k];
     const Sdf& sdf = *input_.colliders[k];
     SdfSampler sampler(view.sdf);
-    const Vec3f index = CollidePush::to_index(view, to_float(y));
+    const Vec3f index = view.to_index(to_float(y));
     const double value = sampler.value(index) * view.scale;  // M's local units
     const MeshDistance* mesh = input_.meshes.empty() ? nullptr : input_.meshes[k];
     if (mesh) {
@@ -166,7 +166,7 @@ class Projector {
     if (value >= input_.margin) return {};
     Vec3f slope;
     sampler.value_and_gradient(index, slope);
-    const Vec3d g = to_double(CollidePush::from_index(view, slope)) * static_cast<double>(view.scale);
+    const Vec3d g = to_double(view.from_index(slope)) * static_cast<double>(view.scale);
     const double size = length(g);
     if (size < kLeastSlope) return {input_.margin - value, to_double(CollidePush::outwards(view, to_float(y), true))};
     return {(input_.margin - value) / std::min(1.0, size), g * (1 / size)};

@@ -2,24 +2,14 @@
 #pragma once
 #include <cstdint>
 
+#include "kernels/collider_view.h"
 #include "kernels/pack.h"
 #include "kernels/port_types.h"
-#include "kernels/sdf_sample.h"
 #include "kernels/vec.h"
 
 namespace knead {
 
-inline constexpr uint32_t kMostColliders = 24;  // by value in the body, so that a launch needs no upload
-inline constexpr float kLeastSlope = 0.05f;     // a distance has slope 1; below this its direction means nothing
-
-// A collider seen from M: index = matrix * y + offset for a vertex y in M's local space.
-struct ColliderView {
-  SdfView sdf;
-  float matrix[9];
-  Vec3f offset;
-  float scale;   // M's local units per unit of the grid's values
-  Vec3f centre;  // of the collider, M's local space: where to push from when the distance has no slope
-};
+inline constexpr float kLeastSlope = 0.05f;  // a distance has slope 1; below this its direction means nothing
 
 struct ContactFigures {
   float deepest = 0;    // penetration, M's local units
@@ -44,21 +34,10 @@ struct CollidePush {
   float rate;    // how much of phi goes into the memory per iteration
   float most;    // upper bound of lambda, local units
 
-  static KNEAD_HD Vec3f to_index(const ColliderView& c, const Vec3f& y) {
-    return {c.matrix[0] * y.x + c.matrix[1] * y.y + c.matrix[2] * y.z + c.offset.x,
-            c.matrix[3] * y.x + c.matrix[4] * y.y + c.matrix[5] * y.z + c.offset.y,
-            c.matrix[6] * y.x + c.matrix[7] * y.y + c.matrix[8] * y.z + c.offset.z};
-  }
-  // A gradient in index space turned into M's local space.
-  static KNEAD_HD Vec3f from_index(const ColliderView& c, const Vec3f& g) {
-    return {c.matrix[0] * g.x + c.matrix[3] * g.y + c.matrix[6] * g.z, c.matrix[1] * g.x + c.matrix[4] * g.y + c.matrix[7] * g.z,
-            c.matrix[2] * g.x + c.matrix[5] * g.y + c.matrix[8] * g.z};
-  }
-
   // Unit direction out of collider c at y, and zero where there is no slope outside it. On a medial surface inside, away from the collider's centre.
   static KNEAD_HD Vec3f outwards(const ColliderView& c, const Vec3f& y, bool inside) {
     SdfSampler sampler(c.sdf);
-    Vec3f g = from_index(c, sampler.smooth_gradient(to_index(c, y)));
+    Vec3f g = c.from_index(sampler.smooth_gradient(c.to_index(y)));
     float size = length(g);
     if (!(size * c.scale > kLeastSlope)) {
       if (!inside) return {0, 0, 0};
@@ -102,7 +81,7 @@ struct CollidePush {
     float phi = 3.4e38f;
     for (uint32_t k = 0; k < count; ++k) {
       SdfSampler sampler(colliders[k].sdf);
-      const float value = sampler.value(to_index(colliders[k], seen_by(k, y, left))) * colliders[k].scale - margin;
+      const float value = sampler.value(colliders[k].to_index(seen_by(k, y, left))) * colliders[k].scale - margin;
       if (value < phi) phi = value, nearest = k;
     }
     return phi;

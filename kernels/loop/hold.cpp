@@ -34,8 +34,8 @@ Buffer<float> brought_to_tets(Executor& executor, const Buffer<float>& paint, co
   body.to = weights.data_for_write();
   body.gather = gather;
   body.largest = largest;
-  parallel_for(executor, weights.size(), "fill_from", FillFrom{elsewhere, body.to});
-  parallel_for(executor, gather.lanes, "paint_to_tets", body);
+  parallel_for(executor, weights.size(), FillFrom{elsewhere, body.to});
+  parallel_for(executor, gather.lanes, body);
   return weights;
 }
 

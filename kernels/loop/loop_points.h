@@ -1,10 +1,10 @@
-// What the loop's launchers share: checks and storage of per-vertex rows.
+// What the loop's launchers share: storage of per-vertex rows.
 #pragma once
 #include <cstring>
-#include <string>
 
-#include "graph/error.h"
 #include "graph/executor.h"
+#include "kernels/array_ops_body.h"
+#include "kernels/check_size.h"
 #include "kernels/parallel.h"
 #include "kernels/vec.h"
 
@@ -13,19 +13,6 @@ namespace knead {
 // Relative errors of volume and length up to this are rounding: H's rest coordinates are multiples of half a cell, so volumes and lengths at rest are
 // reproduced to a few units in the last place. Ignoring them makes the rest shape an exact fixed point of the loop.
 inline constexpr float kRestRounding = 1e-6f;
-
-inline void require_size(size_t is, size_t should_be, const char* kernel, const char* what, const char* of_what) {
-  if (is == should_be) return;
-  throw Error(ErrorCode::kInput, std::string(kernel) + ": " + std::to_string(is) + " " + what + " for " + std::to_string(should_be) + " " + of_what,
-              "connect ports that come from the same build_tets");
-}
-
-struct CopyRows {
-  static constexpr const char* kKernel = "copy_rows";
-  const Vec3f* from;
-  Vec3f* to;
-  KNEAD_HD void operator()(uint32_t i) const { to[i] = from[i]; }
-};
 
 // The same values in storage that may be over-read. Only wrapped storage is copied, and on devices nothing is over-read.
 inline Buffer<Vec3f> padded(Executor& executor, const Buffer<Vec3f>& values) {
@@ -39,7 +26,7 @@ inline Buffer<Vec3f> padded(Executor& executor, const Buffer<Vec3f>& values) {
 inline Buffer<Vec3f> start_from(Executor& executor, const Buffer<Vec3f>& values, size_t lanes) {
   Buffer<Vec3f> result(values.size(), executor.memory());
   if (lanes == values.size()) return result;
-  const CopyRows copy{values.view(executor.device()).data(), result.data_for_write()};
+  const CopyPoints copy{values.view(executor.device()).data(), result.data_for_write()};
   if (executor.device() != Device{})
     executor.launch(copy, values.size());
   else

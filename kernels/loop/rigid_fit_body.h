@@ -155,12 +155,4 @@ struct SumPaint {
   }
 };
 
-// Paint where M does not reach.
-struct FillFrom {
-  static constexpr const char* kKernel = "fill_from";
-  const float* value;  // null: zero
-  float* to;
-  KNEAD_HD void operator()(uint32_t i) const { to[i] = value ? *value : 0.0f; }
-};
-
 }  // namespace knead

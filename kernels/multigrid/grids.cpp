@@ -6,7 +6,7 @@
 namespace knead {
 namespace {
 
-constexpr int64_t kMiddle = 1 << 20;  // of the 2^21 places that a key tells apart along an axis
+constexpr int64_t kMiddle = 1 << 20;  // of the 2^21 positions that a key tells apart along an axis
 
 uint64_t spread_bits(uint64_t v) {  // 21 bits, two zeros between each and the next
   v = (v | v << 32) & 0x001f00000000ffffu;
@@ -26,22 +26,22 @@ int64_t floor_over(int64_t a, int64_t b) {
   return a >= 0 ? a / b : -((b - 1 - a) / b);
 }
 
-struct Touch {  // a finer node in reach of a grid place
+struct Touch {  // a finer node in reach of a grid position
   uint64_t key;
   uint32_t node;
   float weight;
   std::array<int32_t, 3> at;
 };
 
-std::vector<Touch> touches_of(const std::vector<GridPlace>& places, std::span<const float> free, const GridPlace& origin, int32_t spacing) {
+std::vector<Touch> touches_of(const std::vector<GridPosition>& positions, std::span<const float> free, const GridPosition& origin, int32_t spacing) {
   std::vector<Touch> touches;
-  touches.reserve(6 * places.size());
-  for (uint32_t i = 0; i < places.size(); ++i) {
+  touches.reserve(6 * positions.size());
+  for (uint32_t i = 0; i < positions.size(); ++i) {
     if (!free.empty() && free[i] == 0) continue;
     std::array<int64_t, 3> low;
-    std::array<float, 3> part;  // of the way to the next place
+    std::array<float, 3> part;  // of the way to the next position
     for (size_t k = 0; k < 3; ++k) {
-      const int64_t from = int64_t{places[i][k]} - origin[k];
+      const int64_t from = int64_t{positions[i][k]} - origin[k];
       low[k] = floor_over(from, spacing);
       part[k] = static_cast<float>(from - low[k] * spacing) / static_cast<float>(spacing);
     }
@@ -66,7 +66,7 @@ std::vector<Touch> touches_of(const std::vector<GridPlace>& places, std::span<co
   return touches;
 }
 
-// Numbers the parts in which a place's nodes hang together.
+// Numbers the parts in which a position's nodes hang together.
 class Parts {
  public:
   Parts(const SparseRows& joined, size_t nodes) : joined_(joined), part_(nodes, kOut) {}
@@ -123,12 +123,12 @@ SparseRows transposed(const SparseRows& a, uint32_t columns) {
   return to;
 }
 
-CoarseGrid coarsen(const std::vector<GridPlace>& places, const SparseRows& joined, std::span<const float> free, const GridPlace& origin,
+CoarseGrid coarsen(const std::vector<GridPosition>& positions, const SparseRows& joined, std::span<const float> free, const GridPosition& origin,
                    int32_t spacing) {
-  const std::vector<Touch> touches = touches_of(places, free, origin, spacing);
+  const std::vector<Touch> touches = touches_of(positions, free, origin, spacing);
   CoarseGrid grid;
   SparseRows& down = grid.down;
-  Parts parts(joined, places.size());
+  Parts parts(joined, positions.size());
   std::vector<uint32_t> part, size;
   for (size_t begin = 0, end; begin < touches.size(); begin = end) {
     for (end = begin + 1; end < touches.size() && touches[end].key == touches[begin].key; ++end) {
@@ -141,19 +141,19 @@ CoarseGrid coarsen(const std::vector<GridPlace>& places, const SparseRows& joine
         down.value.push_back(touches[t].weight);
       }
       down.offsets.push_back(static_cast<uint32_t>(down.index.size()));
-      grid.places.push_back(touches[begin].at);
+      grid.positions.push_back(touches[begin].at);
     }
   }
-  grid.up = transposed(down, static_cast<uint32_t>(places.size()));
+  grid.up = transposed(down, static_cast<uint32_t>(positions.size()));
   return grid;
 }
 
-GridPlace origin_of_next(const std::vector<GridPlace>& places, const GridPlace& origin, int32_t spacing) {
-  GridPlace next = origin;
+GridPosition origin_of_next(const std::vector<GridPosition>& positions, const GridPosition& origin, int32_t spacing) {
+  GridPosition next = origin;
   for (size_t k = 0; k < 3; ++k) {
     size_t even = 0, odd = 0;
-    for (const GridPlace& place : places) {
-      const int64_t from = int64_t{place[k]} - origin[k], steps = floor_over(from, spacing);
+    for (const GridPosition& at : positions) {
+      const int64_t from = int64_t{at[k]} - origin[k], steps = floor_over(from, spacing);
       if (from == steps * spacing) ++(steps % 2 == 0 ? even : odd);
     }
     if (odd > even) next[k] += spacing;
@@ -161,13 +161,13 @@ GridPlace origin_of_next(const std::vector<GridPlace>& places, const GridPlace& 
   return next;
 }
 
-std::vector<uint32_t> order_in_space(const std::vector<GridPlace>& places) {
-  std::vector<std::pair<uint64_t, uint32_t>> keyed(places.size());
+std::vector<uint32_t> order_in_space(const std::vector<GridPosition>& positions) {
+  std::vector<std::pair<uint64_t, uint32_t>> keyed(positions.size());
   const auto half = [](int32_t at) { return floor_over(at, kGridUnit / 2); };
-  for (uint32_t i = 0; i < places.size(); ++i) keyed[i] = {key_of({half(places[i][0]), half(places[i][1]), half(places[i][2])}), i};
+  for (uint32_t i = 0; i < positions.size(); ++i) keyed[i] = {key_of({half(positions[i][0]), half(positions[i][1]), half(positions[i][2])}), i};
   std::sort(keyed.begin(), keyed.end());
-  std::vector<uint32_t> order(places.size());
-  for (uint32_t i = 0; i < places.size(); ++i) order[i] = keyed[i].second;
+  std::vector<uint32_t> order(positions.size());
+  for (uint32_t i = 0; i < positions.size(); ++i) order[i] = keyed[i].second;
   return order;
 }
 

@@ -20,23 +20,23 @@ struct SparseRows {
 
 SparseRows transposed(const SparseRows& a, uint32_t columns);
 
-using GridPlace = std::array<int32_t, 3>;
-inline constexpr int32_t kGridUnit = 8;  // places count eighths of the finest cell
+using GridPosition = std::array<int32_t, 3>;
+inline constexpr int32_t kGridUnit = 8;  // positions count eighths of the finest cell
 
 struct CoarseGrid {
-  std::vector<GridPlace> places;
+  std::vector<GridPosition> positions;
   SparseRows up;    // by finer node: weights of this grid's nodes
   SparseRows down;  // its transpose
 };
 
 // `joined`: which nodes hang together. Those that are not `free` get no weights.
-CoarseGrid coarsen(const std::vector<GridPlace>& places, const SparseRows& joined, std::span<const float> free, const GridPlace& origin,
+CoarseGrid coarsen(const std::vector<GridPosition>& positions, const SparseRows& joined, std::span<const float> free, const GridPosition& origin,
                    int32_t spacing);
 
-// Where grids of twice the spacing are to begin so that as many of `places` as can be are nodes of it, coordinate by coordinate.
-GridPlace origin_of_next(const std::vector<GridPlace>& places, const GridPlace& origin, int32_t spacing);
+// Where grids of twice the spacing are to begin so that as many of `positions` as can be are nodes of it, coordinate by coordinate.
+GridPosition origin_of_next(const std::vector<GridPosition>& positions, const GridPosition& origin, int32_t spacing);
 
 // A space-filling order: neighbours in memory are neighbours in space.
-std::vector<uint32_t> order_in_space(const std::vector<GridPlace>& places);
+std::vector<uint32_t> order_in_space(const std::vector<GridPosition>& positions);
 
 }  // namespace knead

@@ -41,7 +41,7 @@ void smooth_step(Executor& executor, const EnergySimd& lanes, const MultigridLev
 // `degree` steps of the smoother from zero towards A^-1 right; the result is in `now`.
 void smooth_from_zero(Executor& executor, const EnergySimd& lanes, const MultigridLevel& level, int degree, const Row4* right, Row4*& now,
                       Row4*& other) {
-  parallel_for(executor, level.size, "multigrid_start", SmoothStart{level.a, right, now, 4 / (3 * level.largest)}, kRows);
+  parallel_for(executor, level.size, SmoothStart{level.a, right, now, 4 / (3 * level.largest)}, kRows);
   for (int k = 2; k <= degree; ++k) {
     smooth_step(executor, lanes, level, k, k == 2, right, other, now, other);
     std::swap(now, other);
@@ -97,25 +97,25 @@ Buffer<float> blocks(Executor& executor, size_t count) {
 
 }  // namespace
 
-MultigridGrids::MultigridGrids(Executor& host, const std::vector<GridPlace>& places, std::span<const std::array<uint32_t, 2>> edges,
+MultigridGrids::MultigridGrids(Executor& host, const std::vector<GridPosition>& positions, std::span<const std::array<uint32_t, 2>> edges,
                                std::span<const float> free, const std::function<void()>& check)
     : grids_(1) {
-  grids_[0].matrix = pattern_of(places.size(), edges);
-  GridPlace origin{0, 0, 0};
-  std::vector<GridPlace> at = places;
+  grids_[0].matrix = pattern_of(positions.size(), edges);
+  GridPosition origin{0, 0, 0};
+  std::vector<GridPosition> at = positions;
   for (int32_t spacing = kGridUnit; at.size() > kCoarsest && spacing < kWidest; spacing *= 2) {
     if (check) check();
-    origin = origin_of_next(places, origin, spacing);
+    origin = origin_of_next(positions, origin, spacing);
     CoarseGrid coarse = coarsen(at, grids_.back().matrix, grids_.size() == 1 ? free : std::span<const float>{}, origin, 2 * spacing);
-    if (static_cast<double>(coarse.places.size()) > kWorthAGrid * static_cast<double>(at.size())) continue;
+    if (static_cast<double>(coarse.positions.size()) > kWorthAGrid * static_cast<double>(at.size())) continue;
     grids_.back().up = std::move(coarse.up);
     grids_.back().down = std::move(coarse.down);
     SparseRows pattern = find_products(grids_.back());
     grids_.emplace_back();
     grids_.back().matrix = std::move(pattern);
-    at = std::move(coarse.places);
+    at = std::move(coarse.positions);
   }
-  place(host);
+  make_device_tables(host);
 }
 
 // The patterns of A P and of P^T A P, which is returned without its diagonal, and where the terms of both go.
@@ -156,7 +156,7 @@ SparseRows MultigridGrids::find_products(Grid& fine) {
   return coarse;
 }
 
-void MultigridGrids::place(Executor& executor) {
+void MultigridGrids::make_device_tables(Executor& executor) {
   levels_.resize(grids_.size());
   for (size_t k = 0; k < grids_.size(); ++k) {
     const Grid& grid = grids_[k];
@@ -241,14 +241,14 @@ void make_coarse(Executor& executor, const MultigridLevel& fine, const Multigrid
     marks = Buffer<uint8_t>(size_t{coarse.size} + fine.size, executor.memory());
     made = marks.data_for_write();
     needed = made + coarse.size;
-    parallel_for(executor, coarse.size, "multigrid_mark", MarkRows{fine.down.offsets, fine.down.index, changed, made});
-    parallel_for(executor, fine.size, "multigrid_mark", MarkRows{fine.up.offsets, fine.up.index, made, needed});
+    parallel_for(executor, coarse.size, MarkRows{fine.down.offsets, fine.down.index, changed, made});
+    parallel_for(executor, fine.size, MarkRows{fine.up.offsets, fine.up.index, made, needed});
   }
   Buffer<float> product = blocks(executor, fine.products);
   float* rows = product.data_for_write();
-  parallel_for(executor, fine.size, "multigrid_product_row",
-               ProductRow{fine.a, fine.up, fine.product_terms, fine.product_places, fine.product, rows, diagonal_only, needed}, kRows);
-  parallel_for(executor, coarse.size, "multigrid_coarse_row",
+  parallel_for(executor, fine.size, ProductRow{fine.a, fine.up, fine.product_terms, fine.product_places, fine.product, rows, diagonal_only, needed},
+               kRows);
+  parallel_for(executor, coarse.size,
                CoarseRow{fine.down, fine.product, rows, fine.coarse_terms, fine.coarse_places, coarse.a.offsets, value, diagonal,
                          diagonal_only ? fine.a.diagonal : nullptr, made},
                32);
@@ -278,7 +278,7 @@ Multigrid::Multigrid(Executor& executor, const MultigridGrids& grids, const Hess
   const Device device = executor.device();
   const auto sum = [&](const Buffer<float>& a, const float* b) {
     Buffer<float> to(a.size(), executor.memory());
-    parallel_for(executor, a.size(), "add_floats", AddFloats{a.view(device).data(), b, to.data_for_write()}, 1 << 14);
+    parallel_for(executor, a.size(), AddFloats{a.view(device).data(), b, to.data_for_write()}, 1 << 14);
     return to;
   };
   values_.resize(levels_.size());
@@ -296,7 +296,7 @@ Multigrid::Multigrid(Executor& executor, const MultigridGrids& grids, const Hess
       if (k > 1 || added) make_coarse(executor, finer, level, k == 1, values.entries.data_for_write(), values.diagonal.data_for_write());
     }
     values.inverse = blocks(executor, level.size);
-    parallel_for(executor, level.size, "multigrid_inverse", InverseOfDiagonal{values.diagonal.view(device).data(), values.inverse.data_for_write()});
+    parallel_for(executor, level.size, InverseOfDiagonal{values.diagonal.view(device).data(), values.inverse.data_for_write()});
     level.a.value = values.entries.view(device).data();
     level.a.diagonal = values.diagonal.view(device).data();
     level.a.inverse = values.inverse.view(device).data();
@@ -311,9 +311,9 @@ void Multigrid::invert_coarsest(Executor& executor) {
   inverse_ = Buffer<double>(size_t{n} * n, executor.memory());
   Buffer<double> other(inverse_.size(), executor.memory());
   double *from = inverse_.data_for_write(), *to = other.data_for_write();
-  parallel_for(executor, last.size, "multigrid_dense", DenseRows{last.a, kShift, from, last.size});
+  parallel_for(executor, last.size, DenseRows{last.a, kShift, from, last.size});
   for (uint32_t k = 0; k < n; ++k) {
-    parallel_for(executor, n, "multigrid_invert", InvertColumn{from, to, n, k});
+    parallel_for(executor, n, InvertColumn{from, to, n, k});
     std::swap(from, to);
   }
   if (n % 2 == 1) std::swap(inverse_, other);
@@ -323,10 +323,10 @@ void Multigrid::solve_coarsest(Executor& executor, const EnergySimd& lanes, Row4
   const MultigridLevel& last = levels_.back();
   Row4 *now = work, *other = now + MultigridLevel::padded(last.size);
   if (inverse_)
-    parallel_for(executor, last.size, "multigrid_coarsest", DenseTimes{inverse_.view(executor.device()).data(), last.size, x, now});
+    parallel_for(executor, last.size, DenseTimes{inverse_.view(executor.device()).data(), last.size, x, now});
   else
     smooth_from_zero(executor, lanes, last, kCoarsestDegree, x, now, other);
-  parallel_for(executor, last.size, "copy_quads", CopyQuads{now, x});
+  parallel_for(executor, last.size, CopyRows{now, x});
 }
 
 // x <- M x, in place.
@@ -337,9 +337,9 @@ void Multigrid::cycle(Executor& executor, const EnergySimd& lanes, size_t k, Row
   Row4 *now = work, *other = now + MultigridLevel::padded(n), *coarse = other + MultigridLevel::padded(n);
   smooth_from_zero(executor, lanes, level, kDegree, x, now, other);
   run_rows(executor, n, Residual{level.a, x, now, other}, lanes.residual);
-  parallel_for(executor, m, "multigrid_restrict", Restrict{level.down, other, coarse}, kRows);
+  parallel_for(executor, m, Restrict{level.down, other, coarse}, kRows);
   cycle(executor, lanes, k + 1, coarse, coarse + MultigridLevel::padded(m));
-  parallel_for(executor, n, "multigrid_prolong", Prolong{level.up, coarse, now}, kRows);
+  parallel_for(executor, n, Prolong{level.up, coarse, now}, kRows);
   for (int step = 1; step < kDegree; ++step) {
     smooth_step(executor, lanes, level, step, step == 1, x, other, now, other);
     std::swap(now, other);
@@ -352,12 +352,12 @@ void Multigrid::solve(Executor& executor, const EnergySimd& lanes, Row4* x, Row4
   for (size_t k = 0; k < grid; ++k) {
     rows.push_back(work);
     work += MultigridLevel::padded(levels_[k + 1].size);
-    parallel_for(executor, levels_[k + 1].size, "multigrid_restrict", Restrict{levels_[k].down, rows[k], rows[k + 1]}, kRows);
+    parallel_for(executor, levels_[k + 1].size, Restrict{levels_[k].down, rows[k], rows[k + 1]}, kRows);
   }
   cycle(executor, lanes, grid, rows[grid], work);
   for (size_t k = grid; k-- > 0;) {
-    parallel_for(executor, 4 * size_t{levels_[k].size}, "fill_words", FillWords{reinterpret_cast<uint32_t*>(rows[k]), 0}, 1 << 14);
-    parallel_for(executor, levels_[k].size, "multigrid_prolong", Prolong{levels_[k].up, rows[k + 1], rows[k]}, kRows);
+    parallel_for(executor, 4 * size_t{levels_[k].size}, FillWords{reinterpret_cast<uint32_t*>(rows[k]), 0}, 1 << 14);
+    parallel_for(executor, levels_[k].size, Prolong{levels_[k].up, rows[k + 1], rows[k]}, kRows);
   }
 }
 

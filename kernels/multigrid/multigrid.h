@@ -39,10 +39,10 @@ struct Hessian;
 class MultigridGrids {
  public:
   // `edges`: lower vertex first, rising. Vertices that are not `free` must have no entries; they stay at zero when they are zero.
-  MultigridGrids(Executor& host, const std::vector<GridPlace>& places, std::span<const std::array<uint32_t, 2>> edges, std::span<const float> free,
-                 const std::function<void()>& check = {});
+  MultigridGrids(Executor& host, const std::vector<GridPosition>& positions, std::span<const std::array<uint32_t, 2>> edges,
+                 std::span<const float> free, const std::function<void()>& check = {});
   // Where `executor` runs: to be called before anything else is made of them.
-  void place(Executor& executor);
+  void make_device_tables(Executor& executor);
 
   const std::vector<MultigridLevel>& levels() const { return levels_; }  // without values
   const SparseRows& pattern() const { return grids_.front().matrix; }    // of the finest, beside the diagonal

@@ -3,7 +3,7 @@
 #pragma once
 #include <cstdint>
 
-#include "kernels/row4.h"
+#include "kernels/array_ops_body.h"
 
 namespace knead {
 
@@ -25,17 +25,17 @@ KNEAD_HD void add_block(float* to, const float* block, float by) {
 }
 
 // The fourth number of the result means nothing.
-KNEAD_HD Quad block_times(const float* block, const Quad& v) {
+KNEAD_HD RowValue block_times(const float* block, const RowValue& v) {
 #if defined(__CUDACC__)
   return {block[0] * v.x + block[3] * v.y + block[6] * v.z, block[1] * v.x + block[4] * v.y + block[7] * v.z,
           block[2] * v.x + block[5] * v.y + block[8] * v.z, 0};
 #else
   typedef float Unaligned __attribute__((vector_size(16), may_alias, aligned(4)));
-  const auto column = [&](int k) -> Quad { return *reinterpret_cast<const Unaligned*>(block + 3 * k); };
+  const auto column = [&](int k) -> RowValue { return *reinterpret_cast<const Unaligned*>(block + 3 * k); };
   return column(0) * v[0] + column(1) * v[1] + column(2) * v[2];
 #endif
 }
-KNEAD_HD Quad without_fourth(Quad v) {
+KNEAD_HD RowValue without_fourth(RowValue v) {
 #if defined(__CUDACC__)
   v.w = 0;
 #else
@@ -49,19 +49,21 @@ struct MatrixRows {
   const uint32_t *offsets, *index;
   const float *value, *diagonal, *inverse;
 
-  KNEAD_HD Quad times(const Row4* v, uint32_t p) const {
-    Quad sum = block_times(diagonal + kBlock * static_cast<size_t>(p), quad_at(v, p)), other{0, 0, 0, 0};  // two sums: neither waits for the other
+  KNEAD_HD RowValue times(const Row4* v, uint32_t p) const {
+    RowValue sum = block_times(diagonal + kBlock * static_cast<size_t>(p), row_at(v, p)), other{0, 0, 0, 0};  // two sums: neither waits for the other
     uint32_t e = offsets[p];
     const uint32_t end = offsets[p + 1];
     const float* at = value + kBlock * static_cast<size_t>(e);
     for (; e + 2 <= end; e += 2, at += 2 * kBlock) {
-      sum = sum + block_times(at, quad_at(v, index[e]));
-      other = other + block_times(at + kBlock, quad_at(v, index[e + 1]));
+      sum = sum + block_times(at, row_at(v, index[e]));
+      other = other + block_times(at + kBlock, row_at(v, index[e + 1]));
     }
-    if (e < end) sum = sum + block_times(at, quad_at(v, index[e]));
+    if (e < end) sum = sum + block_times(at, row_at(v, index[e]));
     return without_fourth(sum + other);
   }
-  KNEAD_HD Quad inverted(const Quad& v, uint32_t p) const { return without_fourth(block_times(inverse + kBlock * static_cast<size_t>(p), v)); }
+  KNEAD_HD RowValue inverted(const RowValue& v, uint32_t p) const {
+    return without_fourth(block_times(inverse + kBlock * static_cast<size_t>(p), v));
+  }
 };
 
 // The first step of a smoother from zero. What is `unused` here and elsewhere are bytes that would else be there by chance, and look like an address of
@@ -73,7 +75,7 @@ struct SmoothStart {
   Row4* x;
   float by;
   uint32_t unused = 0;
-  KNEAD_HD void operator()(uint32_t p) const { put_quad(x, p, a.inverted(quad_at(right, p), p) * by); }
+  KNEAD_HD void operator()(uint32_t p) const { put_row(x, p, a.inverted(row_at(right, p), p) * by); }
 };
 
 // x_k+1 = keep x_k - again x_k-1 + by D^-1 (b - A x_k). The result may take the place of x_k-1 or of b.
@@ -85,8 +87,8 @@ struct Smooth {
   float keep, again, by;
   uint32_t unused = 0;
   KNEAD_HD void operator()(uint32_t p) const {
-    const Quad residual = quad_at(right, p) - a.times(x, p);
-    put_quad(to, p, quad_at(x, p) * keep - quad_at(before, p) * again + a.inverted(residual, p) * by);
+    const RowValue residual = row_at(right, p) - a.times(x, p);
+    put_row(to, p, row_at(x, p) * keep - row_at(before, p) * again + a.inverted(residual, p) * by);
   }
 };
 
@@ -95,16 +97,16 @@ struct Residual {
   MatrixRows a;
   const Row4 *right, *x;
   Row4* residual;
-  KNEAD_HD void operator()(uint32_t p) const { put_quad(residual, p, quad_at(right, p) - a.times(x, p)); }
+  KNEAD_HD void operator()(uint32_t p) const { put_row(residual, p, row_at(right, p) - a.times(x, p)); }
 };
 
 // Between two grids: rows of weights. To a coarser grid the residual, and from there the correction.
 struct GridWeights {
   const uint32_t *offsets, *index;
   const float* weight;
-  KNEAD_HD Quad of(const Row4* v, uint32_t p) const {
-    Quad sum{0, 0, 0, 0};
-    for (uint32_t e = offsets[p]; e < offsets[p + 1]; ++e) sum = sum + quad_at(v, index[e]) * weight[e];
+  KNEAD_HD RowValue of(const Row4* v, uint32_t p) const {
+    RowValue sum{0, 0, 0, 0};
+    for (uint32_t e = offsets[p]; e < offsets[p + 1]; ++e) sum = sum + row_at(v, index[e]) * weight[e];
     return sum;
   }
 };
@@ -114,7 +116,7 @@ struct Restrict {
   GridWeights down;
   const Row4* fine;
   Row4* coarse;
-  KNEAD_HD void operator()(uint32_t p) const { put_quad(coarse, p, down.of(fine, p)); }
+  KNEAD_HD void operator()(uint32_t p) const { put_row(coarse, p, down.of(fine, p)); }
 };
 
 struct Prolong {
@@ -122,7 +124,7 @@ struct Prolong {
   GridWeights up;
   const Row4* coarse;
   Row4* x;
-  KNEAD_HD void operator()(uint32_t p) const { put_quad(x, p, quad_at(x, p) + up.of(coarse, p)); }
+  KNEAD_HD void operator()(uint32_t p) const { put_row(x, p, row_at(x, p) + up.of(coarse, p)); }
 };
 
 // The inverse of a symmetric block.
@@ -222,13 +224,6 @@ struct CoarseRow {
   }
 };
 
-struct AddFloats {
-  static constexpr const char* kKernel = "add_floats";
-  const float *a, *b;  // b may be null
-  float* to;
-  KNEAD_HD void operator()(uint32_t i) const { to[i] = b ? a[i] + b[i] : a[i]; }
-};
-
 // The coarsest matrix as a dense one, with `shift` of its diagonal added.
 struct DenseRows {
   static constexpr const char* kKernel = "multigrid_dense";
@@ -278,13 +273,6 @@ struct DenseTimes {
       for (size_t q = 0; q < n; ++q) sum[r] += column[3 * q] * x[q].x + column[3 * q + 1] * x[q].y + column[3 * q + 2] * x[q].z;
     to[p] = {static_cast<float>(sum[0]), static_cast<float>(sum[1]), static_cast<float>(sum[2]), 0};
   }
-};
-
-struct CopyQuads {
-  static constexpr const char* kKernel = "copy_quads";
-  const Row4* from;
-  Row4* to;
-  KNEAD_HD void operator()(uint32_t i) const { to[i] = from[i]; }
 };
 
 }  // namespace knead

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "io/vdb/vdb.h"
-#include "kernels/equilibrium/contact_body.h"
+#include "kernels/equilibrium/contact_samples_body.h"
 #include "kernels/loop/collide.h"
 
 namespace knead {
@@ -20,7 +20,7 @@ struct Around {
   Sdf sdf;
   std::vector<Row4> u, force, normal;
   std::vector<uint32_t> offsets{0}, indices, list;
-  std::vector<float> weights, area, memory, distance, slack;
+  std::vector<float> weights, area, multiplier, distance, slack;
   std::vector<Vec3f> rest;
   float travelled = 0;
   ContactSum result;
@@ -50,7 +50,7 @@ struct Around {
     force.assign(kSamples, Row4{7, 7, 7, 0});
     normal.assign(kSamples, Row4{0, 0, 0, 0});
     area.assign(kSamples, 1);
-    memory.assign(kSamples, 0);
+    multiplier.assign(kSamples, 0);
     distance.assign(kSamples, 0);
     slack.assign(kSamples, 0);
     body.u = u.data();
@@ -59,7 +59,7 @@ struct Around {
     body.weights = weights.data();
     body.rest = rest.data();
     body.area = area.data();
-    body.memory = memory.data();
+    body.multiplier = multiplier.data();
     body.distance = distance.data();
     body.force = force.data();
     body.normal = normal.data();
@@ -70,8 +70,8 @@ struct Around {
     body.count = 1;
     body.samples = kSamples;
     body.stiffness = 30;
-    body.gap = 0.02f;
-    body.gentle = 0.5f;
+    body.law.gap = 0.02f;
+    body.law.gentle = 0.5f;
   }
   void make_list(float since) {
     for (uint32_t s = 0; s < body.samples; ++s) ContactRoom{body, slack.data(), kSkin, since}(s);
@@ -88,10 +88,10 @@ struct Around {
     }
     return sum;
   }
-  void remember() {
-    ContactMemory update{body, memory.data(), slack.data(), nullptr};
+  void update_multipliers() {
+    UpdateMultiplier update{body, multiplier.data(), slack.data(), nullptr};
     update.contact.list = list.data();
-    for (uint32_t place = 0; place < list.size(); ++place) update(place);
+    for (uint32_t i = 0; i < list.size(); ++i) update(i);
   }
 };
 
@@ -102,7 +102,7 @@ void expect_same(const ContactSum& a, const ContactSum& b) {
   EXPECT_NEAR(a.change, b.change, 1e-6f);
 }
 
-TEST(ContactList, WhatIsLeftOutDoesNotPush) {
+TEST(ContactList, WhatIsLeftOutHasNoForce) {
   Around listed, all;
   std::mt19937 random(4);
   std::uniform_real_distribution<float> coordinate(-1, 1);
@@ -126,21 +126,21 @@ TEST(ContactList, WhatIsLeftOutDoesNotPush) {
     most = std::max(most, listed.list.size());
     pushed = std::max(pushed, size_t{few.active});
     if (step % 20 == 19) {
-      listed.remember();
+      listed.update_multipliers();
       all.list.resize(all.body.samples);
       std::iota(all.list.begin(), all.list.end(), 0u);
-      all.remember();
+      all.update_multipliers();
     }
   }
   EXPECT_GT(pushed, 100u);
   EXPECT_LT(most, listed.body.samples / 2);
 }
 
-TEST(ContactList, APlaceThatIsKnownIsNotLookedUpAgain) {
+TEST(ContactList, APositionThatIsKnownIsNotLookedUpAgain) {
   Around here;
   here.make_list(-1);
   ASSERT_GT(here.sum(true).active, 10u);
-  here.remember();
+  here.update_multipliers();
   here.body.stiffness *= 2;
   const ContactSum whole = here.sum(true);
   const std::vector<Row4> force = here.force;
@@ -150,17 +150,17 @@ TEST(ContactList, APlaceThatIsKnownIsNotLookedUpAgain) {
   for (const uint32_t s : here.list) ASSERT_NEAR(here.force[s].x, force[s].x, 1e-5f * (1 + std::abs(force[s].x)));
 }
 
-TEST(ContactList, AMemoryIsForgottenWhereTheFieldIsFlat) {
+TEST(ContactList, AMultiplierIsForgottenWhereTheFieldIsFlat) {
   Around here;
-  here.memory[0] = here.memory[1] = 2;
+  here.multiplier[0] = here.multiplier[1] = 2;
   here.u[0] = to_row(Vec3f{0.9f, 0, 0} - here.rest[0]);
   here.u[1] = to_row(Vec3f{0, 3, 0} - here.rest[1]);  // let through: beyond the band, though not as far as the memory is long
   here.make_list(-1);
   here.sum(true);
   EXPECT_LT(here.distance[1], 2);
-  here.remember();
-  EXPECT_GT(here.memory[0], 2);
-  EXPECT_EQ(here.memory[1], 0);
+  here.update_multipliers();
+  EXPECT_GT(here.multiplier[0], 2);
+  EXPECT_EQ(here.multiplier[1], 0);
 }
 
 }  // namespace contact_list_test

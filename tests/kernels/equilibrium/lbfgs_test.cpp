@@ -8,7 +8,7 @@
 
 // The host sums pieces of rows by a way of its own (`over`), devices row by row: both must say the same, and leave the same behind.
 namespace knead {
-namespace history_test {
+namespace lbfgs_test {
 
 constexpr size_t kRows = 203;
 
@@ -20,9 +20,9 @@ std::vector<Row4> random_rows(size_t n, uint32_t seed) {
   return rows;
 }
 
-void expect_equal(const HistoryDots& a, const HistoryDots& b) {
+void expect_equal(const LbfgsDots& a, const LbfgsDots& b) {
   constexpr double kRounding = 1e-4;
-  for (uint32_t k = 0; k < History::kMost; ++k) EXPECT_NEAR(a.of[k], b.of[k], kRounding) << k;
+  for (uint32_t k = 0; k < LbfgsSums::kMost; ++k) EXPECT_NEAR(a.of[k], b.of[k], kRounding) << k;
   EXPECT_NEAR(a.steps, b.steps, kRounding);
   EXPECT_NEAR(a.changes, b.changes, kRounding);
   EXPECT_NEAR(a.steep, b.steep, kRounding);
@@ -39,21 +39,20 @@ auto by_row(const Body& body) {
 }
 
 struct Scene {
-  std::vector<Row4> steps = random_rows(History::kMost * kRows, 1), changes = random_rows(History::kMost * kRows, 2);
+  std::vector<Row4> steps = random_rows(LbfgsSums::kMost * kRows, 1), changes = random_rows(LbfgsSums::kMost * kRows, 2);
   std::vector<Row4> a = random_rows(kRows, 3), b = random_rows(kRows, 4), c = random_rows(kRows, 5), d = random_rows(kRows, 6);
-  History history{};
-  Ring ring{5, 2};  // round the end
+  LbfgsSums sums{};
+  LbfgsRing ring{5, 2};  // round the end
   PairRows rows() { return {steps.data(), changes.data(), kRows}; }
 };
 
-TEST(History, RemembersAPairByRowAsByPiece) {
+TEST(Lbfgs, RemembersAPairByRowAsByPiece) {
   Scene one, other;
   const auto body = [](Scene& s) {
     const size_t at = s.ring.newest * kRows;
-    return RememberPair{s.rows(),   s.ring, s.a.data(), s.b.data(), s.c.data(), s.d.data(), s.steps.data() + at, s.changes.data() + at,
-                        &s.history, 0.5};
+    return RememberPair{s.rows(), s.ring, s.a.data(), s.b.data(), s.c.data(), s.d.data(), s.steps.data() + at, s.changes.data() + at, &s.sums, 0.5};
   };
-  const HistoryDots dots = body(one).over(0, kRows);
+  const LbfgsDots dots = body(one).over(0, kRows);
   expect_equal(dots, by_row(body(other)));
   EXPECT_GT(dots.steps, 1);
   EXPECT_NE(dots.of[one.ring.slot(4)], 0);
@@ -66,32 +65,32 @@ TEST(History, RemembersAPairByRowAsByPiece) {
 
 // Two iterations with the metric 1 on the energy sum of bend / 2 x^2, the second pair with a gradient that bends as `bend` says: s . y over s . B s.
 double curvature_after(float bend) {
-  std::vector<Row4> steps(History::kMost * kRows), changes(History::kMost * kRows);
+  std::vector<Row4> steps(LbfgsSums::kMost * kRows), changes(LbfgsSums::kMost * kRows);
   const std::vector<Row4> x0 = random_rows(kRows, 1);
   std::vector<Row4> x = x0, g = x0, next(kRows), next_gradient(kRows), d(kRows);
-  History history{};
-  Ring ring{0, History::kMost - 1};
+  LbfgsSums sums{};
+  LbfgsRing ring{0, LbfgsSums::kMost - 1};
   const PairRows rows{steps.data(), changes.data(), kRows};
   const double along = 0.5;
   double slope = 0;
   for (int iteration = 0; iteration < 2; ++iteration) {
     const float bent = iteration == 0 ? 0.8f : bend;
-    FirstLoop first{rows, ring, g.data(), &history};
+    FirstLoop first{rows, ring, g.data(), &sums};
     first.finish(by_row(first));
-    for (uint32_t p = 0; p < kRows; ++p) WithoutChanges{rows, ring, g.data(), &history, d.data()}(p);
-    SecondLoop second{rows, ring, nullptr, d.data(), &history, 1};
+    for (uint32_t p = 0; p < kRows; ++p) WithoutChanges{rows, ring, g.data(), &sums, d.data()}(p);
+    SecondLoop second{rows, ring, nullptr, d.data(), &sums, 1};
     second.finish(by_row(second));
-    Downhill down{rows, ring, &history, g.data(), d.data(), &slope};
+    Downhill down{rows, ring, &sums, g.data(), d.data(), &slope};
     down.finish(by_row(down));
     for (uint32_t p = 0; p < kRows; ++p) {
       next[p] = to_row(to_vec(x[p]) + static_cast<float>(along) * to_vec(d[p]));
       next_gradient[p] = to_row(to_vec(g[p]) + bent * (to_vec(next[p]) - to_vec(x[p])));
     }
-    ring = {ring.pairs + 1, (ring.newest + 1) % History::kMost};
+    ring = {ring.pairs + 1, (ring.newest + 1) % LbfgsSums::kMost};
     const size_t at = ring.newest * kRows;
-    RememberPair pair{rows, ring, x.data(), next.data(), g.data(), next_gradient.data(), steps.data() + at, changes.data() + at, &history, along};
+    RememberPair pair{rows, ring, x.data(), next.data(), g.data(), next_gradient.data(), steps.data() + at, changes.data() + at, &sums, along};
     pair.finish(by_row(pair));
-    for (uint32_t p = 0; p < kRows; ++p) DampPair{changes.data() + at, g.data(), &history}(p);
+    for (uint32_t p = 0; p < kRows; ++p) DampPair{changes.data() + at, g.data(), &sums}(p);
     if (iteration == 1) break;
     x = next;
     g = next_gradient;
@@ -99,38 +98,38 @@ double curvature_after(float bend) {
   // What was told of the products is what the rows have.
   for (uint32_t age = 0; age < ring.pairs; ++age) {
     const uint32_t i = ring.slot(age);
-    EXPECT_NEAR(history.sy[i][ring.newest], product(rows.step(i), rows.change(ring.newest), 0, kRows), 1e-4 * std::abs(slope)) << bend;
+    EXPECT_NEAR(sums.sy[i][ring.newest], product(rows.step(i), rows.change(ring.newest), 0, kRows), 1e-4 * std::abs(slope)) << bend;
   }
-  EXPECT_NEAR(history.over[ring.newest] * history.sy[ring.newest][ring.newest], 1, 1e-9) << bend;
-  return history.sy[ring.newest][ring.newest] / (-along * along * slope);
+  EXPECT_NEAR(sums.over[ring.newest] * sums.sy[ring.newest][ring.newest], 1, 1e-9) << bend;
+  return sums.sy[ring.newest][ring.newest] / (-along * along * slope);
 }
 
-TEST(History, APairSaysAtLeastAPartOfTheMetricsCurvature) {
+TEST(Lbfgs, APairSaysAtLeastAPartOfTheMetricsCurvature) {
   EXPECT_NEAR(curvature_after(0.8f), 1, 1e-3);  // as the first pair said
   EXPECT_NEAR(curvature_after(0.4f), 0.5, 1e-3);
-  EXPECT_NEAR(curvature_after(0.04f), History::kLeastCurvature, 1e-3);
-  EXPECT_NEAR(curvature_after(-2.0f), History::kLeastCurvature, 1e-3);
+  EXPECT_NEAR(curvature_after(0.04f), LbfgsSums::kLeastCurvature, 1e-3);
+  EXPECT_NEAR(curvature_after(-2.0f), LbfgsSums::kLeastCurvature, 1e-3);
 }
 
-TEST(History, SumsBothLoopsByRowAsByPiece) {
+TEST(Lbfgs, SumsBothLoopsByRowAsByPiece) {
   Scene one, other;
-  const auto first = [](Scene& s) { return FirstLoop{s.rows(), s.ring, s.a.data(), &s.history}; };
+  const auto first = [](Scene& s) { return FirstLoop{s.rows(), s.ring, s.a.data(), &s.sums}; };
   expect_equal(first(one).over(0, kRows), by_row(first(other)));
-  one.history.bulk = other.history.bulk = 0.3;
-  const auto second = [](Scene& s) { return SecondLoop{s.rows(), s.ring, s.b.data(), s.c.data(), &s.history, 0.7f}; };
+  one.sums.volume = other.sums.volume = 0.3;
+  const auto second = [](Scene& s) { return SecondLoop{s.rows(), s.ring, s.b.data(), s.c.data(), &s.sums, 0.7f}; };
   expect_equal(second(one).over(0, kRows), by_row(second(other)));
   for (size_t p = 0; p < kRows; ++p) EXPECT_EQ(one.c[p].x, other.c[p].x);
   EXPECT_NEAR(one.c[7].x, 0.7f * (Scene().c[7].x - 0.3f * one.b[7].x), 1e-6f);
 }
 
-TEST(History, SumsPiecesOfAnyLength) {
+TEST(Lbfgs, SumsPiecesOfAnyLength) {
   Scene s;
-  const BulkAlong along{s.a.data(), s.b.data(), &s.history};
+  const VolumeTermPart along{s.a.data(), s.b.data(), &s.sums};
   expect_equal(along.over(0, kRows), by_row(along));
   for (const size_t cut : {size_t{1}, size_t{6}, size_t{101}}) expect_equal(along.over(0, cut) + along.over(cut, kRows), by_row(along));
-  const BulkOver over{s.a.data(), s.b.data(), 1, &s.history};
+  const VolumeTermScale over{s.a.data(), s.b.data(), 1, &s.sums};
   expect_equal(over.over(0, kRows), by_row(over));
 }
 
-}  // namespace history_test
+}  // namespace lbfgs_test
 }  // namespace knead

@@ -36,7 +36,7 @@ struct Body {
 
 Vec3d transferred(const MeshTransfer& table, uint32_t place, const std::function<Vec3d(uint32_t)>& field) {
   Vec3d sum{0, 0, 0};
-  for (size_t c = 0; c < 4; ++c) sum += static_cast<double>(table.weights[place][c]) * field(table.places[place][c]);
+  for (size_t c = 0; c < 4; ++c) sum += static_cast<double>(table.weights[place][c]) * field(table.vertices[place][c]);
   return sum;
 }
 
@@ -45,7 +45,7 @@ TEST(MeshTransfer, IsTheIdentityBetweenEqualMeshes) {
   const MeshTransfer table = make_mesh_transfer(*body.executor, *body.rest, *same.rest);
   EXPECT_EQ(table.outside, 0u);
   for (uint32_t p = 0; p < table.size(); ++p)
-    for (size_t c = 0; c < 4; ++c) ASSERT_NEAR(table.weights[p][c], table.places[p][c] == p ? 1.0f : 0.0f, 1e-5f) << p;
+    for (size_t c = 0; c < 4; ++c) ASSERT_NEAR(table.weights[p][c], table.vertices[p][c] == p ? 1.0f : 0.0f, 1e-5f) << p;
 }
 
 TEST(MeshTransfer, KeepsLinearFields) {

@@ -32,11 +32,11 @@ struct Ball {
   template <class Move>
   void follow(const Move& move) {
     std::vector<Row4> u(rest->rows, Row4{0, 0, 0, 0});
-    for (uint32_t p = 0; p < rest->places; ++p) {
+    for (uint32_t p = 0; p < rest->vertices; ++p) {
       const Vec3f x = rest->rest.host()[rest->vertex_at[p]];
       u[p] = to_row(move(x) - x);
     }
-    rest->follow(*executor, u.data(), shape);
+    rest->follow(*executor, u.data(), static_cast<float>(MetricConstants{}.tolerance), shape);
   }
   size_t changed() const {
     size_t sum = 0;
@@ -71,11 +71,11 @@ TEST(ShapeHessian, StaysThatOfTheRestShapeWhereNothingMoves) {
 TEST(ShapeHessian, TurnsWithTheBody) {
   Ball ball;
   ball.follow([](const Vec3f& x) { return Vec3f{-x.y, x.x, x.z}; });
-  EXPECT_EQ(ball.changed(), ball.rest->places);
+  EXPECT_EQ(ball.changed(), ball.rest->vertices);
   const auto before = ball.rest->hessian.diagonal.host(), now = ball.shape.now.diagonal.host();
   constexpr size_t kFrom[3] = {1, 0, 2};  // x' = -y, y' = x
   constexpr float kSign[3] = {-1, 1, 1};
-  for (size_t p = 0; p < ball.rest->places; ++p)
+  for (size_t p = 0; p < ball.rest->vertices; ++p)
     for (size_t c = 0; c < 3; ++c)
       for (size_t r = 0; r < 3; ++r) {
         const float expected = kSign[r] * kSign[c] * before[kBlock * p + 3 * kFrom[c] + kFrom[r]];
@@ -93,9 +93,9 @@ TEST(ShapeHessian, ChangesWhereTheBodyDoesAndNowhereElse) {
   ball.follow(dent(0.3f));
   const size_t rows = ball.changed();
   EXPECT_GT(rows, 0u);
-  EXPECT_LT(rows, ball.rest->places / 2);
+  EXPECT_LT(rows, ball.rest->vertices / 2);
   const auto before = ball.rest->hessian.diagonal.host(), now = ball.shape.now.diagonal.host();
-  for (size_t p = 0; p < ball.rest->places; ++p) {
+  for (size_t p = 0; p < ball.rest->vertices; ++p) {
     const bool is_same = std::memcmp(&before[kBlock * p], &now[kBlock * p], kBlock * sizeof(float)) == 0;
     ASSERT_EQ(is_same, ball.shape.changed.host()[p] == 0) << p;
   }

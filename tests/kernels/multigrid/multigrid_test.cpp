@@ -22,14 +22,14 @@ using Block = std::array<double, kBlock>;  // columns one after the other
 // Linear elasticity of H (lambda = 9 mu, a Poisson's ratio of 0.45) with a weak hold, in an order of its own; vertices in the lowest part may be pinned.
 struct Matrix {
   std::unique_ptr<Executor> executor = make_cpu_executor(2);
-  std::vector<GridPlace> places;
+  std::vector<GridPosition> places;
   std::vector<std::array<uint32_t, 2>> edges;  // of free vertices
   std::vector<Block> entries, diagonal;        // by edge, row the lower vertex; by vertex
   std::vector<float> free;
 
   explicit Matrix(const TetMesh& mesh, bool pinned = false) : free(mesh.vertices(), 1.0f) {
     const auto x = mesh.rest.host();
-    std::vector<GridPlace> by_vertex;
+    std::vector<GridPosition> by_vertex;
     for (const Vec3f& v : x)
       by_vertex.push_back({static_cast<int>(std::lround(8 * v.x)), static_cast<int>(std::lround(8 * v.y)), static_cast<int>(std::lround(8 * v.z))});
     const std::vector<uint32_t> order = order_in_space(by_vertex);
@@ -75,7 +75,7 @@ struct Matrix {
   // Contacts on the upper side, which push along one direction each, `stiff` times what the diagonal is there.
   std::vector<Block> contacts(double stiff) const {
     int32_t highest = 0;
-    for (const GridPlace& p : places) highest = std::max(highest, p[1]);
+    for (const GridPosition& p : places) highest = std::max(highest, p[1]);
     std::vector<Block> added(places.size(), Block{});
     for (size_t p = 0; p < places.size(); ++p) {
       const Vec3d normal = (1 / std::sqrt(2.0)) * Vec3d{std::sin(0.1 * static_cast<double>(p)), 1, std::cos(0.1 * static_cast<double>(p))};
@@ -286,7 +286,7 @@ TEST(Multigrid, KeepsApartWhatHangsTogetherElsewhere) {
     for (int bar = 0; bar < 2; ++bar)
       for (int y = 0; y < 2; ++y)
         for (int z = 0; z < 2; ++z) matrix.places.push_back({8 * x, 8 * (2 * bar + y), 8 * z});
-  const std::vector<GridPlace>& places = matrix.places;
+  const std::vector<GridPosition>& places = matrix.places;
   for (uint32_t a = 0; a < places.size(); ++a)
     for (uint32_t b = a + 1; b < places.size() && b < a + 17; ++b) {
       int far = 0;
