@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "graph/api.h"
 #include "graph/plan.h"
 
 namespace knead {
@@ -9,7 +10,7 @@ namespace knead {
 struct LoopProgress;
 struct PlanValues;
 
-class Iterate : public Node {
+class KNEAD_API Iterate : public Node {  // the program looks into loops
  public:
   Param<int> max_iterations{this, "max_iterations", 250, {.min = 0, .max = 1000000, .doc = "rounds after which the loop ends in any case"}};
   Param<int> min_iterations{this, "min_iterations", 1, {.min = 0, .max = 1000000, .doc = "rounds that are always made"}};
