@@ -68,6 +68,7 @@ std::shared_ptr<const Plan> Compiler::run(const GraphSpec& spec) {
     if (!found.sources.empty()) plan->names.try_emplace(name, found.sources[0]);
   }
   report_unused_overrides(*plan);
+  leave_out_others(*plan);
   if (!errors_.empty()) {
     std::stable_sort(errors_.begin(), errors_.end(), [](const Error& a, const Error& b) {
       return std::tie(a.where().file, a.where().line, a.where().column) < std::tie(b.where().file, b.where().line, b.where().column);
@@ -137,6 +138,8 @@ void Compiler::compile_arguments(Scope& scope, const NodeSpec& spec, CompiledNod
   if (!type) {
     if (spec.type.empty())
       fail(where, "the node has no type", "add type: ...; `knead nodes` lists the types");
+    else if (const std::string makers = makers_of(spec.type); !makers.empty())
+      fail(where, "unknown node type '" + spec.type + "'", makers);
     else
       fail(where, "unknown node type '" + spec.type + "'", did_you_mean(spec.type, registry_.names()));
     opaque_.push_back(where.node + ".");
@@ -297,6 +300,27 @@ void Compiler::report_unused_overrides(const Plan& plan) {
     }
     fail({"--set", 0, 0, {}, path}, "no node has this parameter", did_you_mean(path, known));
   }
+}
+
+// Nodes with an effect that `only` does not name, by themselves or with the group they stand in.
+void Compiler::leave_out_others(Plan& plan) {
+  if (options_.only.empty()) return;
+  std::vector<std::string> known;
+  std::vector<bool> used(options_.only.size());
+  for (PlanNode& node : plan.nodes) {
+    if (!node.node->has_effect()) continue;
+    known.push_back(node.name);
+    node.left_out = true;
+    for (size_t i = 0; i < used.size(); ++i) {
+      const std::string& name = options_.only[i];
+      if (node.name != name && !node.name.starts_with(name + ".")) continue;
+      used[i] = true;
+      node.left_out = false;
+    }
+  }
+  for (size_t i = 0; i < used.size(); ++i)
+    if (!used[i])
+      fail({"--only", 0, 0, options_.only[i], {}}, "no node of this name writes anything", did_you_mean(options_.only[i], known, "there is "));
 }
 
 Where Compiler::where_of(const Scope& scope, const Literal& at, const std::string& node, const std::string& member) const {

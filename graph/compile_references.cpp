@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cctype>
 #include <cstring>
 
 #include "graph/compiler.h"
@@ -12,15 +13,53 @@ std::string source_name(const Plan& plan, Source source) {
   return node.name + "." + node.node->outputs()[static_cast<size_t>(source.output)].name;
 }
 
-// "did you mean 'tets.lattice'?", where the node that was named has an output of the type that was wanted.
-std::string output_of_type(const Plan& plan, Source source, const std::string& node_written, const char* type) {
-  if (source.node == Source::kExternal) return {};
-  for (const OutputDeclaration& output : plan.nodes[static_cast<size_t>(source.node)].node->outputs())
-    if (output.type && std::strcmp(output.type->name, type) == 0) return "did you mean '" + node_written + "." + output.name + "'?";
+bool is_type(const PortType* type, const char* name) {
+  return type && std::strcmp(type->name, name) == 0;
+}
+
+// "put mesh_to_sdf between: {type: mesh_to_sdf, mesh: motion}", where a node type makes what was wanted of nothing but what was given.
+std::string node_between(const Registry& registry, const std::string& written, const char* given, const char* wanted) {
+  for (const std::string& name : registry.names()) {
+    const NodeType& type = *registry.find(name);
+    if (!type.make) continue;
+    const auto node = type.make();
+    const InputDeclaration* needed = nullptr;
+    size_t count = 0;
+    for (const InputDeclaration& input : node->inputs())
+      if (!input.optional) needed = &input, ++count;
+    if (count == 1 && is_type(needed->type, given) && !node->outputs().empty() && is_type(node->outputs()[0].type, wanted))
+      return "put " + name + " between: {type: " + name + ", " + needed->name + ": " + written + "}";
+  }
   return {};
 }
 
 }  // namespace
+
+// What to write instead of `written`, which names `source`, to get a `type`: another output of the node, or a node between. "" when nothing is known.
+std::string Compiler::way_to_type(const Plan& plan, Source source, const std::string& written, const char* type) const {
+  if (source.node != Source::kExternal)
+    for (const OutputDeclaration& output : plan.nodes[static_cast<size_t>(source.node)].node->outputs())
+      if (is_type(output.type, type)) return "did you mean '" + written.substr(0, written.find('.')) + "." + output.name + "'?";
+  return node_between(registry_, written, plan.type_of(source)->name, type);
+}
+
+// "an Sdf is made by ...", for a word that names a port's type where a node's is wanted. "" when it names none.
+std::string Compiler::makers_of(const std::string& word) const {
+  const auto same_word = [&](const std::string& type) {
+    return std::equal(word.begin(), word.end(), type.begin(), type.end(),
+                      [](unsigned char a, unsigned char b) { return std::tolower(a) == std::tolower(b); });
+  };
+  std::string makers;
+  for (const std::string& name : registry_.names()) {
+    const NodeType& type = *registry_.find(name);
+    if (!type.make) continue;
+    const auto node = type.make();
+    if (node->outputs().empty() || !node->outputs()[0].type || !same_word(node->outputs()[0].type->name)) continue;
+    if (makers.empty()) makers = with_article(node->outputs()[0].type->name) + " is made by ";
+    makers += (makers.back() == ' ' ? "" : ", ") + name;
+  }
+  return makers;
+}
 
 // The sources behind an argument of an input, checked against its type.
 Reference Compiler::connect(Scope& scope, const Literal& value, const Wanted& wanted, const std::string& node) {
@@ -34,7 +73,7 @@ Reference Compiler::connect(Scope& scope, const Literal& value, const Wanted& wa
         const std::string& written = *item.as_string();
         fail(where_of(scope, item, node, wanted.name),
              "expected " + with_article(wanted.type) + ", but '" + written + "' is " + with_article(is->name),
-             output_of_type(*scope.plan, source, written.substr(0, written.find('.')), wanted.type));
+             way_to_type(*scope.plan, source, written, wanted.type));
         all.failed = true;
       }
       all.sources.push_back(source);

@@ -77,6 +77,7 @@ class Compiler {
   void assign(Scope& scope, const std::vector<Argument>& arguments, PlanNode& plan_node, CompiledNode& compiled);
   bool set_param(Scope& scope, Node& node, const std::string& full, const Argument& argument);
   void report_unused_overrides(const Plan& plan);
+  void leave_out_others(Plan& plan);
 
   // compile_references.cpp
   struct Wanted {
@@ -90,6 +91,8 @@ class Compiler {
     std::vector<Source> sources;
     std::vector<std::string> outputs;  // those that are there, for kNoSuchOutput
   };
+  std::string way_to_type(const Plan& plan, Source source, const std::string& written, const char* type) const;
+  std::string makers_of(const std::string& word) const;
   Reference connect(Scope& scope, const Literal& value, const Wanted& wanted, const std::string& node);
   Reference resolve(Scope& scope, const Literal& value, const std::string& node, const std::string& member);
   Found find(Scope& scope, const std::string& name, const std::string& output);

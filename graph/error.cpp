@@ -91,6 +91,31 @@ static size_t edit_distance(const std::string& a, const std::string& b) {
   return row[b.size()];
 }
 
+// A whole part of a name with underscores or dots: "depth" is one of "max_depth".
+static bool is_part_of(const std::string& part, const std::string& name) {
+  const auto ends = [&](size_t at) { return at == name.size() || name[at] == '_' || name[at] == '.'; };
+  for (size_t at = name.find(part); at != std::string::npos; at = name.find(part, at + 1))
+    if ((at == 0 || ends(at - 1)) && ends(at + part.size())) return true;
+  return false;
+}
+
+// The shortest name that shares a part with `wrong`, or the one that begins like it ("rotation", "rotate").
+static std::string related_name(const std::string& wrong, const std::vector<std::string>& candidates) {
+  constexpr size_t kLeastPart = 3, kLeastStem = 4;
+  std::string best;
+  size_t longest = std::max(kLeastStem, (wrong.size() + 1) / 2) - 1;
+  for (const std::string& candidate : candidates)
+    if (wrong.size() >= kLeastPart && candidate.size() >= kLeastPart && (is_part_of(wrong, candidate) || is_part_of(candidate, wrong)))
+      if (best.empty() || candidate.size() < best.size()) best = candidate;
+  if (!best.empty()) return best;
+  for (const std::string& candidate : candidates) {
+    const auto differ = std::mismatch(wrong.begin(), wrong.end(), candidate.begin(), candidate.end());
+    const auto same = static_cast<size_t>(differ.first - wrong.begin());
+    if (same > longest && 2 * same >= candidate.size()) longest = same, best = candidate;
+  }
+  return best;
+}
+
 std::string nearest_name(const std::string& wrong, const std::vector<std::string>& candidates) {
   std::string best;
   size_t best_distance = std::max<size_t>(2, wrong.size() / 3) + 1;
@@ -101,7 +126,7 @@ std::string nearest_name(const std::string& wrong, const std::vector<std::string
       best = candidate;
     }
   }
-  return best;
+  return best.empty() ? related_name(wrong, candidates) : best;
 }
 
 }  // namespace knead

@@ -20,8 +20,18 @@ const PortType* Plan::type_of(Source source) const {
 std::vector<int> Plan::sinks() const {
   std::vector<int> sinks;
   for (size_t i = 0; i < nodes.size(); ++i)
-    if (nodes[i].node->has_effect()) sinks.push_back(static_cast<int>(i));
+    if (nodes[i].node->has_effect() && !nodes[i].left_out) sinks.push_back(static_cast<int>(i));
   return sinks;
+}
+
+std::vector<char> Plan::reached_from(const std::vector<Source>& targets) const {
+  std::vector<char> reached(nodes.size());
+  for (const Source target : targets) reached[static_cast<size_t>(target.node)] = true;
+  for (size_t i = nodes.size(); i-- > 0;)
+    if (reached[i])
+      for (const auto& port : nodes[i].inputs)
+        for (const Source source : port) reached[static_cast<size_t>(source.node)] = true;
+  return reached;
 }
 
 namespace {

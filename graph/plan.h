@@ -30,6 +30,7 @@ struct PlanNode {
   Key static_key;                // type, version, parameters
   bool frame_dependent = false;  // itself or through its inputs
   bool state_dependent = false;  // in a loop's body: changes from round to round
+  bool left_out = false;         // has an effect, but not in this plan (CompileOptions::only)
 };
 
 struct External {
@@ -47,13 +48,15 @@ struct KNEAD_API Plan {
   // The source behind "node" or "node.output". Throws Error(kGraph) with the nearest name.
   Source find(const std::string& reference) const;
   const PortType* type_of(Source source) const;
-  std::vector<int> sinks() const;  // nodes with an effect
+  std::vector<int> sinks() const;                                            // nodes with an effect
+  std::vector<char> reached_from(const std::vector<Source>& targets) const;  // per node: a target, or something that a target stands on
 };
 
 struct CompileOptions {
   const Registry* registry = nullptr;                            // null: Registry::builtin()
   std::function<GraphSpec(const std::string& path)> load_group;  // reads a group's file; relative paths come resolved
   std::vector<std::pair<std::string, Literal>> overrides;        // "press.volume.relaxation" -> value, as --set
+  std::vector<std::string> only;                                 // nodes with an effect, or groups of them, that have it; empty: all
 };
 
 // Checks everything and throws GraphErrors with all errors at once: unknown types, ports, parameters and references (with the nearest valid name),

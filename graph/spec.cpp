@@ -150,6 +150,8 @@ GraphSpec GraphSpec::from_literal(const Literal& tree, const std::string& file) 
         versioned = true;
         const int64_t* version = value.as_int();
         if (!version || *version != 1) reader.wrong(value, "this program reads graph files of version 1, and this one says " + value.text());
+      } else if (name == "$schema") {
+        // Says to an editor what the file may hold.
       } else if (name == "description") {
         spec.description = reader.text(value, "description");
       } else if (name == "frames") {

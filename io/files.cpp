@@ -13,7 +13,7 @@
 #include <map>
 #include <mutex>
 #include <new>
-#include <tuple>
+#include <set>
 #include <utility>
 
 namespace knead {
@@ -124,10 +124,8 @@ std::string read_all(const OpenFile& file, const std::string& path) {
   return bytes;
 }
 
-std::pair<size_t, size_t> next_run(const std::string& path, size_t from) {
-  const size_t first = path.find('#', from);
-  if (first == std::string::npos) return {path.size(), path.size()};
-  return {first, std::min(path.find_first_not_of('#', first), path.size())};
+bool is_escaped_hash(const std::string& path, size_t at) {
+  return path.compare(at, 2, "\\#") == 0;
 }
 
 size_t name_start(const std::string& path) {
@@ -138,21 +136,34 @@ size_t name_start(const std::string& path) {
 }  // namespace
 
 bool has_frame_pattern(const std::string& path) {
-  return path.find('#', name_start(path)) != std::string::npos;
+  for (size_t at = name_start(path); at < path.size(); ++at) {
+    if (path[at] == '#') return true;
+    if (is_escaped_hash(path, at)) ++at;
+  }
+  return false;
 }
 
 std::string frame_path(const std::string& path, int frame) {
-  std::string result;
-  size_t done = 0;
-  for (auto [first, last] = next_run(path, name_start(path)); first < path.size(); std::tie(first, last) = next_run(path, last)) {
-    const std::string digits = std::to_string(std::llabs(static_cast<long long>(frame)));
-    result.append(path, done, first - done);
+  const std::string digits = std::to_string(std::llabs(static_cast<long long>(frame)));
+  size_t at = name_start(path);
+  std::string result = path.substr(0, at);
+  while (at < path.size()) {
+    if (path[at] != '#') {
+      at += is_escaped_hash(path, at);
+      result += path[at++];
+      continue;
+    }
+    const size_t run = std::min(path.find_first_not_of('#', at), path.size()) - at;
     if (frame < 0) result += '-';
-    if (digits.size() < last - first) result.append(last - first - digits.size(), '0');
+    if (digits.size() < run) result.append(run - digits.size(), '0');
     result += digits;
-    done = last;
+    at += run;
   }
-  return result.append(path, done);
+  return result;
+}
+
+std::string path_in_frame(const std::string& path, const Context& context) {
+  return frame_path(path, has_frame_pattern(path) ? context.frame() : 0);
 }
 
 std::string read_whole_file(const std::string& path) {
@@ -187,6 +198,45 @@ Key file_content_key(const std::string& path) {
   return key;
 }
 
+namespace {
+
+// Temporary names of files that are being written.
+class Unfinished {
+ public:
+  void add(const std::string& path) {
+    const std::lock_guard lock(mutex_);
+    paths_.insert(path);
+  }
+  void remove(const std::string& path) {
+    const std::lock_guard lock(mutex_);
+    paths_.erase(path);
+  }
+  bool publish(const std::string& path, const std::string& target) {
+    const std::lock_guard lock(mutex_);
+    paths_.erase(path);
+    return ::rename(path.c_str(), target.c_str()) == 0;
+  }
+  void abandon() {
+    mutex_.lock();  // and never unlocked
+    for (const std::string& path : paths_) ::unlink(path.c_str());
+  }
+
+ private:
+  std::mutex mutex_;
+  std::set<std::string> paths_;
+};
+
+Unfinished& unfinished() {
+  static Unfinished* const files = new Unfinished;  // outlives the files that others keep to the end of the process
+  return *files;
+}
+
+}  // namespace
+
+void abandon_whole_files() {
+  unfinished().abandon();
+}
+
 WholeFile::WholeFile(std::string path) : path_(std::move(path)) {
   static std::atomic<uint64_t> counter{0};
   std::error_code error;
@@ -209,9 +259,11 @@ WholeFile::WholeFile(std::string path) : path_(std::move(path)) {
   const std::string suffix =
       std::string(".") + std::to_string(::getpid()) + std::string(".") + std::to_string(counter.fetch_add(1)) + std::string(".part");
   temporary_ = (target.parent_path() / (std::string(".") + target.filename().string().substr(0, 200) + suffix)).string();
+  unfinished().add(temporary_);
   file_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (file_ < 0) {
     const int reason_number = errno;
+    unfinished().remove(temporary_);
     temporary_.clear();
     fail("written", reason_number);
   }
@@ -220,6 +272,7 @@ WholeFile::WholeFile(std::string path) : path_(std::move(path)) {
 WholeFile::~WholeFile() {
   if (file_ >= 0) ::close(file_);
   if (!committed_ && !temporary_.empty()) ::unlink(temporary_.c_str());
+  if (!committed_ && !temporary_.empty()) unfinished().remove(temporary_);
 }
 
 void WholeFile::fail(const char* doing, int error) const {
@@ -266,7 +319,7 @@ void WholeFile::commit() {
     std::error_code ignored;
     const bool through_link = fs::is_symlink(fs::symlink_status(path_, ignored)) && fs::exists(path_, ignored);
     const std::string target = through_link ? fs::canonical(path_, ignored).string() : path_;
-    if (::rename(temporary_.c_str(), target.c_str()) != 0) fail("written", errno);
+    if (!unfinished().publish(temporary_, target)) fail("written", errno);
     const std::string folder = fs::path(target).parent_path().string();
     const int directory = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (directory >= 0) {

@@ -6,6 +6,7 @@
 
 #include "graph/error.h"
 #include "graph/hash.h"
+#include "graph/node.h"
 
 namespace knead {
 
@@ -14,10 +15,13 @@ inline Where in_file(const std::string& path, int line = 0, int column = 0) {
 }
 
 // '#'s in the last component of `path` stand for the frame: each run of n becomes the frame padded with zeros to n digits ("a.####.obj", 7:
-// "a.0007.obj"; -7: "a.-0007.obj"; more digits than '#'s are kept). A path without '#' comes back as it is; folders are never touched, so that
-// "C#/a.obj" is no pattern.
+// "a.0007.obj"; -7: "a.-0007.obj"; more digits than '#'s are kept). `\#` stands for the character '#' itself: "take\#2.##.obj" is "take#2.07.obj" in
+// frame 7. Folders are never touched, so that "C#/a.obj" is no pattern.
 KNEAD_API std::string frame_path(const std::string& path, int frame);
 KNEAD_API bool has_frame_pattern(const std::string& path);
+
+// The path that `path` stands for in the context's frame. Asks for the frame only where the path depends on it.
+std::string path_in_frame(const std::string& path, const Context& context);
 
 // The bytes of a file. Throws Error(kFile) that names the path: missing (with the nearest existing name), unreadable, or a directory.
 KNEAD_API std::string read_whole_file(const std::string& path);
@@ -52,6 +56,10 @@ class KNEAD_API WholeFile {
   int file_ = -1;
   bool committed_ = false;
 };
+
+// Removes what every WholeFile of this process has written and not yet committed. For a process that ends at once: any use of a WholeFile afterwards
+// waits for ever.
+void abandon_whole_files();
 
 // A file made whole in one call.
 KNEAD_API void write_whole_file(const std::string& path, std::string_view bytes);

@@ -12,6 +12,7 @@
 #include <fstream>
 #include <limits>
 #include <map>
+#include <optional>
 #include <set>
 #include <sstream>
 
@@ -289,6 +290,17 @@ std::string read_text(const std::string& path) {
   return text;
 }
 
+// Where a line up to `last` is indented by a tab, which YAML forbids and its parser calls something else. Null when none is.
+std::optional<Where> tab_in_indentation(const std::string& text, const std::string& file, int last) {
+  int line = 1;
+  for (size_t start = 0; start < text.size() && line <= last; ++line) {
+    const size_t first = std::min(text.find_first_not_of(" -", start), text.size());
+    if (first < text.size() && text[first] == '\t') return Where{file, line, static_cast<int>(first - start) + 1, {}, {}};
+    start = std::min(text.find('\n', start), text.size() - 1) + 1;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 Literal parse_yaml(const std::string& text, const std::string& file) {
@@ -310,6 +322,8 @@ Literal parse_yaml(const std::string& text, const std::string& file) {
     }
     return tree;
   } catch (const YAML::Exception& error) {
+    if (const auto tab = tab_in_indentation(text, file, error.mark.line + 2))
+      throw GraphErrors({Error(ErrorCode::kGraph, *tab, "not valid YAML: the line is indented by a tab", "indent by spaces")});
     builder.refuse(error.mark, "not valid YAML: " + error.msg);
   }
 }

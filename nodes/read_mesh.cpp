@@ -42,7 +42,7 @@ class ReadMesh : public Node {
   void add_to_key(Hasher& hasher, int frame) const override { hasher.add(file_content_key(frame_path(path(), frame))); }
 
   void evaluate(Context& context) const override {
-    const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
+    const std::string file = path_in_frame(path(), context);
     std::vector<std::string> warnings;
     Surface read = read_surface(file, {.weld = weld()}, warnings);
     context.check_cancelled();

@@ -38,7 +38,7 @@ class ReadVdb : public Node {
   void add_to_key(Hasher& hasher, int frame) const override { hasher.add(file_content_key(frame_path(path(), frame))); }
 
   void evaluate(Context& context) const override {
-    const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
+    const std::string file = path_in_frame(path(), context);
     ReadSdf read = read_sdf(file, grid(), context.executor(), static_cast<uint64_t>(memory_limit()) << 20);
     for (const std::string& warning : read.warnings) context.warn(file + ": " + warning);
     context.set(sdf, std::move(read.sdf));

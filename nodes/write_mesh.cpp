@@ -36,7 +36,7 @@ class WriteMesh : public Node {
   bool has_effect() const override { return true; }
 
   void evaluate(Context& context) const override {
-    const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
+    const std::string file = path_in_frame(path(), context);
     context.check_cancelled();
     for (const std::string& note :
          write_surface(file, context.get(surface), {.ascii = ascii(), .precision = precision(), .recompute_normals = false}))

@@ -122,7 +122,7 @@ class WritePicture : public Node {
   }
 
   bool has_effect() const override { return true; }
-  bool depends_on_frame() const override { return has_frame_pattern(path()) || caption().find('#') != std::string::npos; }
+  bool depends_on_frame() const override { return has_frame_pattern(path()) || has_frame_pattern(caption()); }
 
   void evaluate(Context& context) const override {
     PictureSettings settings = settings_;
@@ -137,9 +137,9 @@ class WritePicture : public Node {
     settings.label = colour() == "displacement" || colour() == "penetration" ? colour() + " / diagonal"
                      : colour() == "volume_change"                           ? "volume change"
                                                                              : colour();
-    if (!caption().empty()) settings.caption = caption().find('#') == std::string::npos ? caption() : frame_path(caption(), context.frame());
+    settings.caption = path_in_frame(caption(), context);
     const Image image = render_picture(body, shown, pressing, settings, context.executor(), [&] { context.check_cancelled(); });
-    write_png(has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path(), image);
+    write_png(path_in_frame(path(), context), image);
   }
 
  private:

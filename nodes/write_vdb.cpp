@@ -28,7 +28,7 @@ class WriteVdb : public Node {
   bool has_effect() const override { return true; }
 
   void evaluate(Context& context) const override {
-    const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
+    const std::string file = path_in_frame(path(), context);
     context.check_cancelled();
     write_sdf(file, context.get(sdf), grid());
   }

@@ -71,6 +71,11 @@ TEST_F(FilesTest, FramePathLeavesFoldersAlone) {
   EXPECT_TRUE(knead::has_frame_pattern("C#/head.#.obj"));
   EXPECT_EQ(knead::frame_path("C#/head.##.obj", 4), "C#/head.04.obj");
   EXPECT_EQ(knead::frame_path("C#/head.obj", 4), "C#/head.obj");
+  EXPECT_EQ(knead::frame_path("take\\#2.##.obj", 7), "take#2.07.obj");
+  EXPECT_EQ(knead::frame_path("\\##\\#", 7), "#7#");
+  EXPECT_EQ(knead::frame_path("a\\b.obj", 7), "a\\b.obj") << "a backslash is a character like others";
+  EXPECT_TRUE(knead::has_frame_pattern("take\\#2.##.obj"));
+  EXPECT_FALSE(knead::has_frame_pattern("take\\#2.obj"));
 }
 
 TEST_F(FilesTest, ReadsEveryByte) {

@@ -207,5 +207,16 @@ TEST(GraphFile, NamesAFileThatCannotBeRead) {
   EXPECT_THAT(error_of("/dev/zero"), HasSubstr("larger than"));
 }
 
+TEST(GraphFile, NamesTheTabThatIndentsALine) {
+  for (const char* text : {"knead: 1\nnodes:\n\ta: {type: primitive}\n", "knead: 1\nnodes:\n  a:\n  \ttype: primitive\n",
+                           "knead: 1\nnodes:\n  a:\n\t  type: primitive\n"})
+    EXPECT_THAT(errors_of(text), testing::AllOf(HasSubstr("indented by a tab"), HasSubstr("indent by spaces"))) << text;
+  EXPECT_THAT(errors_of("knead: 1\nnodes:\n\ta: {type: primitive}\n"), HasSubstr("press.yaml:3:1"));
+}
+
+TEST(GraphFile, LetsAnEditorsSchemaStand) {
+  EXPECT_EQ(errors_of(R"({"$schema": "knead.schema.json", "knead": 1, "nodes": {"a": {"type": "primitive"}}})"), "");
+}
+
 }  // namespace graph_file_test
 }  // namespace knead
