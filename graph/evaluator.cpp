@@ -36,16 +36,6 @@ std::vector<Source> Evaluator::Impl::targets_of(const std::vector<std::string>& 
   return targets;
 }
 
-std::vector<char> Evaluator::Impl::reached_from(const std::vector<Source>& targets) const {
-  std::vector<char> reached(plan->nodes.size());
-  for (const Source target : targets) reached[static_cast<size_t>(target.node)] = true;
-  for (size_t i = plan->nodes.size(); i-- > 0;)
-    if (reached[i])
-      for (const auto& port : plan->nodes[i].inputs)
-        for (const Source source : port) reached[static_cast<size_t>(source.node)] = true;
-  return reached;
-}
-
 // Keys of the nodes reached. Throws when a node cannot say what it depends on (a missing file).
 void Evaluator::Impl::find_keys(int frame, const std::vector<char>& reached, std::vector<Key>& keys) const {
   for (size_t i = 0; i < plan->nodes.size(); ++i) {
@@ -70,7 +60,7 @@ void Evaluator::Impl::find_keys(int frame, const std::vector<char>& reached, std
 
 // Fills the frame's values for the targets: from the cache, and by running what it lacks. Checked mode runs everything, to compare.
 void Evaluator::Impl::fill(FrameState& state, const std::vector<Source>& targets) {
-  find_keys(state.frame, reached_from(targets), state.keys);
+  find_keys(state.frame, plan->reached_from(targets), state.keys);
   std::vector<char> wanted(plan->nodes.size());
   for (const Source target : targets) wanted[static_cast<size_t>(target.node)] = true;
   std::vector<int> lacking;
@@ -143,6 +133,7 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
     context.executor().synchronise();  // what is published is complete, for every thread
     state.times[index].push_back({node.name, seconds_since(start), false});
     seconds[index] += state.times[index].back().seconds;
+    state.shared_seconds[index] = context.shared_seconds;
     for (NodeTime& part : context.parts) state.times[index].push_back(std::move(part));
     merge(state.warnings[index], context.warnings);
     if (node.node->has_effect()) return;
@@ -165,6 +156,7 @@ Evaluator::Evaluator(std::shared_ptr<const Plan> plan, EvaluatorOptions options)
   impl_->cache = options.cache ? options.cache : std::make_shared<Cache>();
   impl_->evaluations = std::vector<std::atomic<uint64_t>>(impl_->plan->nodes.size());
   impl_->seconds = std::vector<std::atomic<double>>(impl_->plan->nodes.size());
+  impl_->set_up = std::vector<std::atomic<double>>(impl_->plan->nodes.size());
 }
 Evaluator::~Evaluator() = default;
 
@@ -203,7 +195,7 @@ FrameResult Evaluator::Impl::evaluate(int frame, const std::vector<std::string>&
 Key Evaluator::frame_key(int frame, const std::vector<std::string>& outputs, bool effects) const {
   const std::vector<Source> targets = impl_->targets_of(outputs, effects);
   std::vector<Key> keys(impl_->plan->nodes.size());
-  impl_->find_keys(frame, impl_->reached_from(targets), keys);
+  impl_->find_keys(frame, plan().reached_from(targets), keys);
   Hasher hasher;
   hasher.add(frame);
   for (const Source target : targets) hasher.add(keys[static_cast<size_t>(target.node)]).add(target.output);
@@ -217,7 +209,9 @@ EvaluatorFigures Evaluator::figures() const {
     const PlanNode& node = impl_->plan->nodes[i];
     if (const uint64_t count = impl_->evaluations[i]) figures.evaluations[node.type->name] += count;
     if (const double seconds = impl_->seconds[i]; seconds > 0) figures.seconds[node.name] = seconds;
+    if (const double seconds = impl_->set_up[i]; seconds > 0) figures.set_up[node.name] = seconds;
   }
+  figures.set_up_seconds = impl_->set_up_seconds;
   const Transfers all = impl_->device->transfers();
   figures.moved = {impl_->moved, impl_->moved_bytes};
   figures.by_nodes.count = all.count - impl_->before.count - figures.moved.count;

@@ -19,8 +19,9 @@ namespace knead {
 
 struct NodeTime {
   std::string name;
-  double seconds = 0;
-  bool cached = false;
+  double seconds = 0;   // in this frame
+  bool cached = false;  // the result was there already: of another frame, or of the set-up
+  double set_up = 0;    // what the set-up of evaluate_frames spent on the node for all frames; no frame's `seconds` holds it
 };
 
 struct FrameResult {
@@ -28,14 +29,16 @@ struct FrameResult {
   std::optional<Error> error;           // the frame failed; what was asked for is not there
   std::map<std::string, Value> values;  // by the reference that was asked for, on the host
   std::vector<NodeTime> times;          // in plan order; a loop's inner nodes follow it, summed over its rounds
-  std::vector<std::string> warnings;    // "node 'tets': open surface ..."
-  double seconds = 0;
+  std::vector<std::string> warnings;    // "node 'tets': open surface ...", of the nodes that the frame stands on
+  double seconds = 0;                   // wall clock
 };
 
 struct EvaluatorFigures {
   CacheFigures cache;
   std::map<std::string, uint64_t> evaluations;  // times a node of each type was really run; a loop counts once, its body not
   std::map<std::string, double> seconds;        // spent in each node by name, over all frames, with what was computed once for all of them
+  std::map<std::string, double> set_up;         // of these, what was computed once for all frames of an evaluate_frames
+  double set_up_seconds = 0;                    // wall clock
   Transfers moved;                              // buffers between nodes
   Transfers by_nodes;                           // what nodes copied besides; of all evaluators that share the executor since this one was made
 };
@@ -63,9 +66,10 @@ class KNEAD_API Evaluator {
   FrameResult evaluate(int frame, const std::vector<std::string>& outputs, bool effects = false);
 
   // Many frames, as many at once as there are threads, or as a device likes; those that find too little memory so are tried again alone. What does
-  // not depend on the frame is computed first, once, and so are the first frame's nodes that make what all share; their times are in the first
-  // frame's result. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not stop the others;
-  // cancellation does: frames not finished are not reported.
+  // not depend on the frame is computed first, once, and then the first frame's nodes that make what all share. This is the set-up: its figures are
+  // NodeTime::set_up and EvaluatorFigures::set_up; what is the first frame's own work in it counts as that frame's. One frame alone has no set-up,
+  // and its seconds hold everything. `done` is called once per frame, one call at a time, in the order in which frames end. A failed frame does not
+  // stop the others; cancellation does: frames not finished are not reported.
   void evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                        const std::function<void(FrameResult)>& done);
 
@@ -82,7 +86,8 @@ class KNEAD_API Evaluator {
   EvaluatorFigures figures() const;
 
  private:
-  std::vector<std::vector<NodeTime>> prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects);
+  struct Prepared;
+  Prepared prepare(int first, const std::vector<std::string>& outputs, bool effects);
   std::vector<int> run_frames(const std::vector<int>& frames, int at_once, const std::vector<std::string>& outputs, bool effects,
                               const std::function<void(FrameResult)>& done);
   std::unique_ptr<Impl> impl_;

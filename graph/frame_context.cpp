@@ -1,6 +1,7 @@
 #include "graph/frame_context.h"
 
 #include <algorithm>
+#include <chrono>
 
 #include "graph/opaque_value.h"
 
@@ -38,7 +39,14 @@ Value FrameContext::once(const Key& key, FunctionRef<Value()> make) {
   const Device device = executor_.device();
   Hasher hasher;
   hasher.add("once").add(plan_node().type->name).add(plan_node().type->version).add(device.kind).add(device.index).add(key);
-  const Value value = evaluator_.cache->once(hasher.key(), make);
+  const Value value = evaluator_.cache->once(hasher.key(), [&] {
+    const auto start = std::chrono::steady_clock::now();
+    Value made = make();
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    std::lock_guard lock(mutex_);
+    shared_seconds += seconds;
+    return made;
+  });
   if (checked() && value.type()->content(value) != value.type()->content(make())) throw_differs("a shared part");
   return value;
 }

@@ -16,12 +16,13 @@ namespace knead {
 // What the nodes of one frame share while they run, perhaps at once.
 struct FrameState {
   FrameState(int f, const Plan& plan) : FrameState(f, plan, plan.nodes.size()) {}
-  FrameState(int f, const Plan& plan, size_t n) : frame(f), values(plan), keys(n), times(n), errors(n), failed(n), warnings(n) {}
+  FrameState(int f, const Plan& plan, size_t n) : frame(f), values(plan), keys(n), times(n), shared_seconds(n), errors(n), failed(n), warnings(n) {}
 
   int frame;
   PlanValues values;
   std::vector<Key> keys;                     // per plan node, as the rest
   std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
+  std::vector<double> shared_seconds;        // of its time, what went into parts that frames share
   std::vector<std::optional<Error>> errors;
   std::vector<char> failed;  // it, or something that it needs
   bool in_order = false;     // nodes one after the other, on the calling thread
@@ -37,7 +38,8 @@ struct Evaluator::Impl {
   Executor* host = nullptr;
   std::shared_ptr<Cache> cache;
   std::vector<std::atomic<uint64_t>> evaluations;
-  std::vector<std::atomic<double>> seconds;
+  std::vector<std::atomic<double>> seconds, set_up;
+  std::atomic<double> set_up_seconds{0};
   Transfers before;  // the device's own count when this was made
   std::atomic<uint64_t> moved{0}, moved_bytes{0};
 
@@ -46,7 +48,6 @@ struct Evaluator::Impl {
   bool cancelled() const { return options.cancelled && options.cancelled(); }
 
   std::vector<Source> targets_of(const std::vector<std::string>& outputs, bool effects) const;
-  std::vector<char> reached_from(const std::vector<Source>& targets) const;
   void find_keys(int frame, const std::vector<char>& reached, std::vector<Key>& keys) const;
   Value brought(const Value& value, Device there);
   Buffer<std::byte> brought(const Buffer<std::byte>& buffer, Device there);
@@ -77,6 +78,7 @@ class FrameContext final : public PlanContext {
 
   std::vector<std::string> warnings;
   std::vector<NodeTime> parts;
+  double shared_seconds = 0;  // spent in what `once` made
 
  protected:
   int frame_number() const override { return state_.frame; }

@@ -1,8 +1,10 @@
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <exception>
 #include <latch>
 #include <mutex>
+#include <optional>
 #include <system_error>
 #include <thread>
 
@@ -11,28 +13,56 @@
 namespace knead {
 namespace {
 
-// A node that was run before its frame is in the cache when the frame asks for it: it gets its times back.
-std::vector<NodeTime> in_place_of_cached(const std::vector<NodeTime>& times, const std::vector<std::vector<NodeTime>>& prepared) {
-  std::vector<NodeTime> result;
-  for (const NodeTime& time : times) {
-    const auto known = std::find_if(prepared.begin(), prepared.end(),
-                                    [&](const auto& parts) { return time.cached && !parts.empty() && parts.front().name == time.name; });
-    if (known == prepared.end())
-      result.push_back(time);
-    else
-      result.insert(result.end(), known->begin(), known->end());
-  }
-  return result;
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 }  // namespace
 
+// What the set-up found, per plan node.
+struct Evaluator::Prepared {
+  std::vector<std::vector<NodeTime>> times;  // the first frame's own work: empty for a node that does not depend on the frame
+  std::vector<double> set_up;
+  double first_frame_seconds = 0;  // wall clock, of that work
+
+  // Nodes that the frame found in the cache get their set-up; in the first frame they also get their own times back.
+  void complete(FrameResult& result, const Plan& plan, bool is_first) const {
+    std::vector<NodeTime> completed;
+    size_t at = 0;
+    for (size_t i = 0; i < plan.nodes.size(); ++i) {
+      const bool looked_at = at < result.times.size() && result.times[at].name == plan.nodes[i].name;
+      const bool cached = looked_at && result.times[at].cached;
+      const size_t first = completed.size();
+      if (is_first && !times[i].empty() && (cached || !looked_at)) {
+        completed.insert(completed.end(), times[i].begin(), times[i].end());
+        at += looked_at;
+      } else if (looked_at) {
+        do completed.push_back(std::move(result.times[at++]));
+        while (at < result.times.size() && (i + 1 == plan.nodes.size() || !starts_node(plan, i + 1, result.times[at].name)));
+      } else if (set_up[i] > 0) {
+        completed.push_back({plan.nodes[i].name, 0, true});
+      }
+      if (completed.size() > first) completed[first].set_up = set_up[i];
+    }
+    result.times = std::move(completed);
+    if (is_first) result.seconds += first_frame_seconds;
+  }
+
+ private:
+  // Parts of a loop follow it, under names that no plan node has.
+  static bool starts_node(const Plan& plan, size_t from, const std::string& name) {
+    return std::any_of(plan.nodes.begin() + static_cast<std::ptrdiff_t>(from), plan.nodes.end(),
+                       [&](const PlanNode& node) { return node.name == name; });
+  }
+};
+
 void Evaluator::evaluate_frames(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects,
                                 const std::function<void(FrameResult)>& done) {
   if (frames.empty()) return;
-  const std::vector<std::vector<NodeTime>> prepared = prepare(frames, outputs, effects);
+  std::optional<Prepared> prepared;
+  if (frames.size() > 1) prepared = prepare(frames.front(), outputs, effects);
   const auto with_prepared = [&](FrameResult result) {
-    if (result.frame == frames.front()) result.times = in_place_of_cached(result.times, prepared);
+    if (prepared) prepared->complete(result, plan(), result.frame == frames.front());
     done(std::move(result));
   };
   const std::vector<int> starved =
@@ -105,32 +135,53 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
   return starved;
 }
 
-// Computes what the frames share: else each of those that run side by side would find it lacking and compute it, or wait for the one that does.
-// Returns the times of every node.
-std::vector<std::vector<NodeTime>> Evaluator::prepare(const std::vector<int>& frames, const std::vector<std::string>& outputs, bool effects) {
-  const std::vector<PlanNode>& nodes = impl_->plan->nodes;
+// Computes what the frames share: else each of those that run side by side would find it lacking and compute it, or wait for the one that does. What
+// does not depend on the frame comes first, then those nodes of the first frame that make parts for all.
+Evaluator::Prepared Evaluator::prepare(int first, const std::vector<std::string>& outputs, bool effects) {
+  const std::vector<PlanNode>& nodes = plan().nodes;
   const std::vector<Source> targets = impl_->targets_of(outputs, effects);
-  const std::vector<char> reached = impl_->reached_from(targets);
-  std::vector<Source> shared;
+  const std::vector<char> reached = plan().reached_from(targets);
+  std::vector<Source> still, moving;
   const auto share = [&](Source source) {
     const PlanNode& node = nodes[static_cast<size_t>(source.node)];
-    if (!node.frame_dependent && !node.node->has_effect()) shared.push_back(source);
+    if (!node.frame_dependent && !node.node->has_effect()) still.push_back(source);
   };
   for (const Source target : targets) share(target);
   for (size_t i = 0; i < nodes.size(); ++i)
-    if (reached[i] && (nodes[i].frame_dependent || nodes[i].node->has_effect()))
+    if (reached[i] && (nodes[i].frame_dependent || nodes[i].node->has_effect())) {
       for (const auto& port : nodes[i].inputs)
         for (const Source source : port) share(source);
-  if (frames.size() > 1)
-    for (size_t i = 0; i < nodes.size(); ++i)
-      if (reached[i] && nodes[i].frame_dependent && nodes[i].node->shares_parts()) shared.push_back({static_cast<int>(i), 0});
-  FrameState state(frames.front(), *impl_->plan);
-  try {
-    impl_->fill(state, shared);
-  } catch (...) {
-    // Every frame that needs the failed node meets the same error and reports it.
+      if (nodes[i].frame_dependent && nodes[i].node->shares_parts()) moving.push_back({static_cast<int>(i), 0});
+    }
+  Prepared prepared;
+  prepared.times.resize(nodes.size());
+  prepared.set_up.resize(nodes.size());
+  const auto start = std::chrono::steady_clock::now();
+  double shared_parts = 0, moving_seconds = 0;
+  for (const std::vector<Source>* part : {&still, &moving}) {
+    const auto part_start = std::chrono::steady_clock::now();
+    FrameState state(first, plan());
+    try {
+      impl_->fill(state, *part);
+    } catch (...) {
+      // Every frame that needs the failed node meets the same error and reports it.
+    }
+    if (part == &moving) moving_seconds = seconds_since(part_start);
+    for (size_t i = 0; i < nodes.size(); ++i) {
+      std::vector<NodeTime>& times = state.times[i];
+      if (times.empty() || times.front().cached) continue;
+      const double shared = nodes[i].frame_dependent ? state.shared_seconds[i] : times.front().seconds;
+      prepared.set_up[i] += shared;
+      impl_->set_up[i] += shared;
+      if (!nodes[i].frame_dependent) continue;
+      shared_parts += shared;
+      times.front().seconds -= shared;
+      prepared.times[i] = std::move(times);
+    }
   }
-  return state.times;
+  prepared.first_frame_seconds = std::max(0.0, moving_seconds - shared_parts);
+  impl_->set_up_seconds += seconds_since(start) - prepared.first_frame_seconds;
+  return prepared;
 }
 
 }  // namespace knead

@@ -306,16 +306,38 @@ TEST_F(EvaluatorTest, MakesSharedPartsBeforeFramesRunSideBySide) {
   EXPECT_EQ(toys::runs_of("shared part made beside others"), 0);
 }
 
-TEST_F(EvaluatorTest, GivesTheFirstFrameTheTimesOfWhatWasMadeForAll) {
-  Evaluator evaluator(plan_of("  a: {type: value}\n  p: {type: shares}\n  c: {type: add, a: a, b: p}"));
-  std::map<int, std::vector<std::string>> worked;
+TEST_F(EvaluatorTest, CountsWhatIsMadeForAllFramesApartFromTheFrames) {
+  Evaluator evaluator(plan_of("  o: {type: value}\n  a: {type: add, a: o, b: o}\n  p: {type: shares}\n  c: {type: add, a: a, b: p}"));
+  std::map<int, std::vector<std::string>> worked, set_up;
   evaluator.evaluate_frames({3, 4, 5}, {"c"}, false, [&](const FrameResult& result) {
-    for (const NodeTime& time : result.times)
+    for (const NodeTime& time : result.times) {
       if (!time.cached) worked[result.frame].push_back(time.name);
+      if (time.set_up > 0) set_up[result.frame].push_back(time.name);
+      EXPECT_TRUE(!time.cached || time.seconds == 0) << time.name;
+    }
   });
-  EXPECT_THAT(worked[3], ElementsAre("a", "p", "c"));
-  EXPECT_THAT(worked[4], ElementsAre("p", "c"));
-  EXPECT_THAT(worked[5], ElementsAre("p", "c"));
+  for (const int frame : {3, 4, 5}) {
+    EXPECT_THAT(worked[frame], ElementsAre("p", "c")) << "the first frame's own share of `p` is its own";
+    EXPECT_THAT(set_up[frame], ElementsAre("o", "a", "p")) << "with `o`, at which no frame looks";
+  }
+  const EvaluatorFigures figures = evaluator.figures();
+  EXPECT_EQ(figures.set_up.size(), 3u);
+  EXPECT_GT(figures.set_up_seconds, 0);
+  EXPECT_LE(figures.set_up.at("p"), figures.seconds.at("p"));
+}
+
+TEST_F(EvaluatorTest, HasNoSetUpForOneFrame) {
+  Evaluator evaluator(plan_of("  a: {type: value}\n  p: {type: shares}\n  c: {type: add, a: a, b: p}"));
+  evaluator.evaluate_frames({3}, {"c"}, false, [&](const FrameResult& result) {
+    double sum = 0;
+    for (const NodeTime& time : result.times) {
+      EXPECT_FALSE(time.cached) << time.name;
+      sum += time.seconds;
+    }
+    EXPECT_EQ(result.times.size(), 3u);
+    EXPECT_GT(result.seconds, 0);
+  });
+  EXPECT_THAT(evaluator.figures().set_up, testing::IsEmpty());
 }
 
 TEST_F(EvaluatorTest, ServesSeveralHostThreads) {
