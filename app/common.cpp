@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
+#include <ctime>
 #include <filesystem>
 
 #include "graph/iterate.h"
@@ -65,6 +67,7 @@ void find_unused(const Plan& plan, const std::string& file, const std::vector<So
 
 std::shared_ptr<const Plan> load_plan(const GraphArguments& arguments) {
   CompileOptions options = graph_file_options(arguments.out);
+  options.only = arguments.only;
   for (const std::string& text : arguments.sets) options.overrides.push_back(parse_set(text));
   const GraphSpec spec = [&] {
     try {
@@ -107,19 +110,60 @@ std::vector<std::string> unused_nodes(const Plan& plan) {
   return unused;
 }
 
-std::vector<ReportOutput> report_outputs(const Plan& plan) {
-  std::vector<Source> merged;  // into the report of another node
-  for (const PlanNode& node : plan.nodes)
-    if (std::any_of(node.node->outputs().begin(), node.node->outputs().end(), is_report))
-      for (const auto& port : node.inputs) merged.insert(merged.end(), port.begin(), port.end());
-  std::vector<ReportOutput> reports;
+std::vector<std::string> wanted_outputs(const Plan& plan, bool some_alone) {
+  const std::vector<char> reached = plan.reached_from(targets_of(plan, {}));
+  std::vector<std::string> wanted;
+  std::vector<bool> used(plan.nodes.size());
   for (size_t i = 0; i < plan.nodes.size(); ++i) {
-    const auto& outputs = plan.nodes[i].node->outputs();
-    for (size_t k = 0; k < outputs.size(); ++k)
-      if (is_report(outputs[k]) && !std::count(merged.begin(), merged.end(), Source{static_cast<int>(i), static_cast<int>(k)}))
-        reports.push_back({plan.nodes[i].name + "." + outputs[k].name, plan.nodes[i].type->name == "measure"});
+    const PlanNode& node = plan.nodes[i];
+    bool looks_at_reached = true;
+    for (const auto& port : node.inputs)
+      for (const Source source : port) {
+        used[static_cast<size_t>(source.node)] = true;
+        looks_at_reached &= reached[static_cast<size_t>(source.node)] != 0;
+      }
+    if (some_alone && !reached[i] && !looks_at_reached) continue;
+    for (const OutputDeclaration& output : node.node->outputs())
+      if (is_report(output)) wanted.push_back(node.name + "." + output.name);
   }
-  return reports;
+  if (!plan.sinks().empty()) return wanted;
+  for (size_t i = 0; i < plan.nodes.size(); ++i)
+    if (const auto& outputs = plan.nodes[i].node->outputs(); !used[i] && !outputs.empty())
+      wanted.push_back(plan.nodes[i].name + "." + outputs[0].name);
+  return wanted;
+}
+
+std::vector<Source> targets_of(const Plan& plan, const std::vector<std::string>& outputs) {
+  std::vector<Source> targets;
+  for (const std::string& output : outputs) targets.push_back(plan.find(output));
+  for (const int sink : plan.sinks()) targets.push_back({sink, 0});
+  return targets;
+}
+
+double seconds_of_process() {
+  static const auto start = [] {
+    timespec spent{};
+    ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &spent);
+    return std::chrono::steady_clock::now() - std::chrono::seconds(spent.tv_sec) - std::chrono::nanoseconds(spent.tv_nsec);
+  }();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+std::string counted(size_t count, const char* what) {
+  return fmt::format("{} {}{}", count, what, count == 1 ? "" : "s");
+}
+
+std::string frames_text(std::vector<int> frames) {
+  std::sort(frames.begin(), frames.end());
+  std::string text;
+  for (size_t first = 0; first < frames.size();) {
+    size_t last = first;
+    while (last + 1 < frames.size() && frames[last + 1] == frames[last] + 1) ++last;
+    text += fmt::format("{}{}", text.empty() ? "" : ", ", frames[first]);
+    if (last > first) text += fmt::format("{}{}", last == first + 1 ? ", " : "-", frames[last]);
+    first = last + 1;
+  }
+  return text;
 }
 
 }  // namespace knead::app

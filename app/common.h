@@ -8,7 +8,6 @@
 #include "app/commands.h"
 #include "graph/executor.h"
 #include "graph/plan.h"
-#include "io/stats.h"
 
 namespace knead::app {
 
@@ -31,7 +30,19 @@ std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments);
 // Nodes that make something nobody uses: probably a slip.
 std::vector<std::string> unused_nodes(const Plan& plan);
 
-// The plan's Report outputs, in plan order; those that another report takes in are left out.
-std::vector<ReportOutput> report_outputs(const Plan& plan);
+// What every frame is asked for beside its files: the reports of all nodes, and where nothing is written the ends of the graph, so that it runs at
+// all. Where some writers run alone, the reports of what these stand on, and of what only looks at that.
+std::vector<std::string> wanted_outputs(const Plan& plan, bool some_alone);
+
+// The sources behind `outputs` and the plan's writers.
+std::vector<Source> targets_of(const Plan& plan, const std::vector<std::string>& outputs);
+
+// Wall clock since the process began; what came before the first call is taken from the time that the processor spent.
+double seconds_of_process();
+
+// "1 frame", "3 frames"
+std::string counted(size_t count, const char* what);
+// "1-4, 7"
+std::string frames_text(std::vector<int> frames);
 
 }  // namespace knead::app

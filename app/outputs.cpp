@@ -12,12 +12,6 @@
 namespace knead::app {
 namespace {
 
-std::string path_of(const Node& node) {
-  for (const ParamBase* param : node.params())
-    if (const Literal value = param->show(); param->name() == "path" && value.as_string()) return *value.as_string();
-  return {};
-}
-
 // "out/head.####.png" to "out/head_sheet.png"
 [[maybe_unused]] std::string sheet_path(const std::string& pattern) {
   const std::filesystem::path path(pattern);
@@ -29,6 +23,12 @@ std::string path_of(const Node& node) {
 
 }  // namespace
 
+std::string path_of(const Node& node) {
+  for (const ParamBase* param : node.params())
+    if (const Literal value = param->show(); param->name() == "path" && value.as_string()) return *value.as_string();
+  return {};
+}
+
 std::vector<std::string> files_of(const Plan& plan, int frame) {
   std::vector<std::string> files;
   for (const int sink : plan.sinks())
@@ -36,13 +36,13 @@ std::vector<std::string> files_of(const Plan& plan, int frame) {
   return files;
 }
 
-bool is_complete(const Evaluator& evaluator, int frame, const std::vector<std::string>& outputs, const FrameRecord* record) {
-  if (!record || !record->ok || record->key.empty()) return false;
+bool is_complete(const Evaluator& evaluator, const std::vector<std::string>& outputs, const FrameRecord& record) {
+  if (!record.ok || record.key.empty()) return false;
   try {
-    if (record->key != evaluator.frame_key(frame, outputs, true).text()) return false;
-    std::vector<std::string> expected = files_of(evaluator.plan(), frame);
-    if (expected.size() != record->files.size()) return false;
-    for (const WrittenFile& file : record->files) {
+    if (record.key != evaluator.frame_key(record.frame, outputs, true).text()) return false;
+    std::vector<std::string> expected = files_of(evaluator.plan(), record.frame);
+    if (expected.size() != record.files.size()) return false;
+    for (const WrittenFile& file : record.files) {
       const auto found = std::find(expected.begin(), expected.end(), file.path);
       if (found == expected.end()) return false;
       expected.erase(found);

@@ -9,9 +9,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <optional>
-
-#include "graph/report.h"
 
 namespace knead::app {
 namespace {
@@ -19,25 +16,6 @@ namespace {
 bool is_terminal() {
   const char* kind = std::getenv("TERM");
   return ::isatty(STDOUT_FILENO) && kind && std::strcmp(kind, "dumb") != 0;
-}
-
-// Whether anything was pushed, from the first report that tells.
-std::optional<bool> touched(const FrameResult& result) {
-  for (const auto& [name, value] : result.values)
-    if (const Report* report = value.get_if<Report>())
-      if (const double moved = report->number("displacement_max"); std::isfinite(moved)) return moved > 0;
-  return std::nullopt;
-}
-
-// "118 iterations, at rest", from the last report that tells: what comes before may be a beginning for it.
-std::string ended_text(const FrameResult& result) {
-  if (touched(result) == false) return ", no contact";
-  std::string text;
-  for (const auto& [name, value] : result.values)
-    if (const Report* report = value.get_if<Report>())
-      if (const double iterations = report->number("iterations"); std::isfinite(iterations) && !report->word("ended").empty())
-        text = fmt::format(", {:.0f} iteration{}, {}", iterations, iterations == 1 ? "" : "s", report->word("ended"));
-  return text;
 }
 
 }  // namespace
@@ -62,16 +40,15 @@ double Progress::seconds() const {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
 }
 
-void Progress::frame_done(const FrameResult& result) {
+void Progress::frame_done(const FrameResult& result, const std::string& ended) {
   ++done_;
-  if (const std::optional<bool> contact = touched(result)) ++(*contact ? touched_ : untouched_);
   for (const std::string& warning : result.warnings) warn(warning);
   if (result.error) error(fmt::format("frame {}: {}", result.frame, result.error->what()));
   if (live_) {
     const auto now = std::chrono::steady_clock::now();
     if (done_ == frames_ || now - drawn_ > std::chrono::milliseconds(50)) draw_line();
   } else if (!quiet_ && !result.error) {
-    fmt::print("frame {}: {:.3f} s{}  ({} of {})\n", result.frame, result.seconds, ended_text(result), done_, frames_);
+    fmt::print("frame {}: {:.3f} s{}{}  ({} of {})\n", result.frame, result.seconds, ended.empty() ? "" : ", ", ended, done_, frames_);
     std::fflush(stdout);
   }
 }

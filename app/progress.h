@@ -14,19 +14,18 @@ class Progress {
   Progress(size_t frames, bool quiet);
   ~Progress();
 
-  void frame_done(const FrameResult& result);
-  void warn(const std::string& message);  // once per message
+  void frame_done(const FrameResult& result, const std::string& ended);  // "118 iterations, at rest", "" when nothing tells
+  void warn(const std::string& message);                                 // once per message
   void error(const std::string& message);
   void end_line();  // before anything else is printed
 
   double seconds() const;
-  bool without_contact() const { return untouched_ > 0 && touched_ == 0; }  // every frame that can tell
 
  private:
   void clear_line();
   void draw_line();
 
-  size_t frames_, done_ = 0, touched_ = 0, untouched_ = 0;
+  size_t frames_, done_ = 0;
   bool quiet_, live_;
   std::chrono::steady_clock::time_point start_, drawn_;
   size_t width_ = 0;  // of the live line now on the screen

@@ -2,12 +2,15 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <filesystem>
 #include <set>
 
 #include "app/common.h"
 #include "app/interrupt.h"
+#include "app/outcome.h"
 #include "app/outputs.h"
+#include "app/placement.h"
 #include "app/progress.h"
 #include "io/graph_file.h"
 #include "io/stats.h"
@@ -27,81 +30,10 @@ std::vector<int> frames_of(const RunArguments& arguments, const Plan& plan) {
   return frames;
 }
 
-// What every frame is asked for: the figures, and where nothing is written the ends of the graph, so that it runs at all.
-std::vector<std::string> wanted_outputs(const Plan& plan, const std::vector<ReportOutput>& reports) {
-  std::vector<std::string> outputs;
-  for (const ReportOutput& report : reports) outputs.push_back(report.reference);
-  if (!plan.sinks().empty()) return outputs;
-  std::vector<bool> used(plan.nodes.size());
-  for (const PlanNode& node : plan.nodes)
-    for (const auto& port : node.inputs)
-      for (const Source source : port) used[static_cast<size_t>(source.node)] = true;
-  for (size_t i = 0; i < plan.nodes.size(); ++i)
-    if (const auto& outs = plan.nodes[i].node->outputs(); !used[i] && !outs.empty()) outputs.push_back(plan.nodes[i].name + "." + outs[0].name);
-  return outputs;
-}
-
-struct Counts {
-  size_t good = 0, failed = 0, skipped = 0;
-};
-
-void print_summary(const RunArguments& arguments, const Evaluator& evaluator, const Counts& counts, double seconds, const std::string& stats) {
-  const size_t made = counts.good + counts.failed;
-  fmt::print("{} frame{} in {:.2f} s", made, made == 1 ? "" : "s", seconds);
-  if (made > 0 && seconds > 0) fmt::print(" ({:.2f} frames/s)", static_cast<double>(made) / seconds);
-  if (counts.failed) fmt::print(", {} failed", counts.failed);
-  if (counts.skipped) fmt::print(", {} skipped: complete already", counts.skipped);
-  const EvaluatorFigures figures = evaluator.figures();
-  std::string evaluations;
-  for (const auto& [type, times] : figures.evaluations) evaluations += fmt::format("{}{} {}", evaluations.empty() ? "" : ", ", type, times);
-  fmt::print("\ncache: {} hits, {} misses; evaluated: {}\n", figures.cache.hits, figures.cache.misses, evaluations.empty() ? "nothing" : evaluations);
-  if (figures.moved.count + figures.by_nodes.count > 0)
-    fmt::print("transfers: {}, {} bytes between nodes; {}, {} bytes within them\n", figures.moved.count, figures.moved.bytes, figures.by_nodes.count,
-               figures.by_nodes.bytes);
-  fmt::print("figures: {}\n", stats);
-  if (!arguments.graph.out.empty()) fmt::print("results: {}\n", arguments.graph.out);
-}
-
 std::string stats_path(const RunArguments& arguments) {
   if (!arguments.stats.empty()) return arguments.stats;
   return (std::filesystem::path(arguments.graph.out) / "stats.jsonl").string();
 }
-
-// Keeps the figures of one run; a disk that is full for them must not end the frames.
-class Figures {
- public:
-  Figures(StatsFile& file, std::vector<ReportOutput> reports, Progress& progress) : file_(file), reports_(std::move(reports)), progress_(progress) {}
-  bool good() const { return good_; }
-  void add(const Evaluator& evaluator, const FrameResult& result, const std::vector<std::string>& outputs) {
-    keep([&] {
-      std::string key;
-      std::vector<WrittenFile> files;
-      if (!result.error) {
-        key = evaluator.frame_key(result.frame, outputs, true).text();
-        for (const std::string& path : files_of(evaluator.plan(), result.frame)) files.push_back(written_file(path));
-      }
-      file_.add(result.frame, stats_line(result, reports_, key, files));
-    });
-  }
-  void finish() {
-    keep([&] { file_.finish(); });
-  }
-
- private:
-  template <class F>
-  void keep(F&& write) {
-    try {
-      write();
-    } catch (const Error& error) {
-      if (good_) progress_.error(error.what());
-      good_ = false;
-    }
-  }
-  StatsFile& file_;
-  std::vector<ReportOutput> reports_;
-  Progress& progress_;
-  bool good_ = true;
-};
 
 void make_out_folder(const std::string& out) {
   if (out.empty()) return;
@@ -110,63 +42,185 @@ void make_out_folder(const std::string& out) {
   if (failed) throw Error(ErrorCode::kFile, Where{out, 0, 0, {}, {}}, "the folder cannot be made: " + failed.message(), "choose another with --out");
 }
 
+// One run of the command, from the compiled plan to the exit status.
+class Run {
+ public:
+  Run(const RunArguments& arguments, std::shared_ptr<const Plan> plan, Strict strict);
+  ~Run() { end_interrupts(); }
+  int operator()();
+
+ private:
+  EvaluatorOptions evaluator_options();
+  void find_work();
+  void frame_done(const FrameResult& result, Progress& progress);
+  template <class F>
+  void keep_figures(Progress& progress, F&& write);
+  void print_summary(const Progress& progress, double frames_seconds);
+  void say_nothing_touched();
+  bool is_unfinished() const { return done_ < frames_.size(); }
+  void say_interrupted() const;
+
+  const RunArguments& arguments_;
+  const std::shared_ptr<const Plan> plan_;
+  const std::vector<int> frames_;
+  const std::unique_ptr<Executor> executor_, host_;  // host_: for nodes that run on no device
+  Evaluator evaluator_;
+  StatsFile stats_;
+  const std::vector<std::string> outputs_;
+  const std::vector<StatsNode> nodes_;
+  const Judge judge_;
+  Outcome outcome_;
+  std::vector<int> to_do_;
+  std::atomic<size_t> done_{0}, complete_{0};  // of frames_, for a run that is interrupted
+  bool figures_kept_ = true;
+};
+
+Run::Run(const RunArguments& arguments, std::shared_ptr<const Plan> plan, Strict strict)
+    : arguments_(arguments),
+      plan_(std::move(plan)),
+      frames_(frames_of(arguments, *plan_)),
+      executor_(make_executor(arguments.device)),
+      host_(executor_->device() == Device{} ? nullptr : make_cpu_executor(arguments.device.threads)),
+      evaluator_(plan_, evaluator_options()),
+      stats_((make_out_folder(arguments.graph.out), stats_path(arguments))),
+      outputs_(wanted_outputs(*plan_, !arguments.graph.only.empty())),
+      nodes_(stats_nodes(*plan_, targets_of(*plan_, outputs_))),
+      judge_(*plan_),
+      outcome_(std::move(strict)) {}
+
+EvaluatorOptions Run::evaluator_options() {
+  EvaluatorOptions options;
+  options.executor = executor_.get();
+  options.host_executor = host_.get();
+  options.checked = arguments_.checked;
+  options.cancelled = interrupted;
+  return options;
+}
+
+// Sorts the frames into those that are complete already and those to be made.
+void Run::find_work() {
+  for (const int frame : frames_) {
+    if (interrupted()) return;
+    const std::vector<FrameRecord> records = arguments_.resume ? stats_.earlier(frame) : std::vector<FrameRecord>();
+    const auto complete = std::find_if(records.begin(), records.end(), [&](const auto& record) { return is_complete(evaluator_, outputs_, record); });
+    if (complete == records.end()) {
+      to_do_.push_back(frame);
+      continue;
+    }
+    outcome_.add_skipped(frame, judge_.judge(complete->line));
+    ++done_;
+    ++complete_;
+  }
+}
+
+// A disk that is full for the figures must not end the frames.
+template <class F>
+void Run::keep_figures(Progress& progress, F&& write) {
+  try {
+    write();
+  } catch (const Error& error) {
+    if (figures_kept_) progress.error(error.what());
+    figures_kept_ = false;
+  }
+}
+
+void Run::frame_done(const FrameResult& result, Progress& progress) {
+  FrameRecord made;
+  made.graph = arguments_.graph.graph;
+  made.only = arguments_.graph.only;
+  keep_figures(progress, [&] {
+    if (result.error) return;
+    made.key = evaluator_.frame_key(result.frame, outputs_, true).text();
+    for (const std::string& path : files_of(*plan_, result.frame)) made.files.push_back(written_file(path));
+  });
+  const std::string line = stats_line(result, nodes_, made);
+  keep_figures(progress, [&] { stats_.add(line); });
+  const Verdict verdict = judge_.judge(line);
+  if (result.error)
+    outcome_.add_failed(result.frame);
+  else
+    outcome_.add_good(result.frame, verdict);
+  progress.frame_done(result, verdict.ended);
+  ++done_;
+  complete_ += !result.error;
+}
+
+void Run::say_interrupted() const {
+  spdlog::error("interrupted: {} of {} frames are complete; the same command with --resume goes on from here", complete_.load(), frames_.size());
+}
+
+// A collider that lies in the body, or around it, presses nothing either.
+void Run::say_nothing_touched() {
+  const Placement placement = find_placement(evaluator_, frames_);
+  for (const Reach& reach : placement.reaches)
+    if (!reach.enclosed.empty()) return;
+  fmt::print("nothing touched the body in any of these frames: are body and colliders of one size, and does the motion lead to the body?\n{}",
+             placement_text({{}, placement.reaches, {}, {}, placement.frames_looked_at}, frames_.size()));
+}
+
+void Run::print_summary(const Progress& progress, double frames_seconds) {
+  const std::string outcome = outcome_.text();
+  if (arguments_.quiet) {
+    if (!outcome.empty()) spdlog::warn("{}: of {}, {}", arguments_.graph.graph, counted(frames_.size(), "frame"), outcome);
+    return;
+  }
+  const size_t made = outcome_.good() + outcome_.failed();
+  const double seconds = progress.seconds();
+  fmt::print("{} in {:.2f} s", counted(made, "frame"), seconds);
+  if (made > 0 && seconds > 0) fmt::print(" ({:.2f} frames/s)", static_cast<double>(made) / seconds);
+  if (outcome_.skipped()) fmt::print(", {} skipped: complete already", outcome_.skipped());
+  if (!outcome.empty()) fmt::print("\n{}", outcome);
+  const EvaluatorFigures figures = evaluator_.figures();
+  const double total = seconds_of_process();
+  fmt::print("\n{}", times_text(figures, {total - seconds, frames_seconds, total}));
+  std::string evaluations;
+  for (const auto& [type, times] : figures.evaluations) evaluations += fmt::format("{}{} {}", evaluations.empty() ? "" : ", ", type, times);
+  fmt::print("cache: {} hits, {} misses; evaluated: {}\n", figures.cache.hits, figures.cache.misses, evaluations.empty() ? "nothing" : evaluations);
+  if (figures.moved.count + figures.by_nodes.count > 0)
+    fmt::print("transfers: {}, {} bytes between nodes; {}, {} bytes within them\n", figures.moved.count, figures.moved.bytes, figures.by_nodes.count,
+               figures.by_nodes.bytes);
+  fmt::print("figures: {}\n", stats_.path());
+  if (!arguments_.graph.out.empty()) fmt::print("results: {}\n", arguments_.graph.out);
+  if (outcome_.without_contact() && !is_unfinished()) say_nothing_touched();
+}
+
+int Run::operator()() {
+  catch_interrupts([this] { return !is_unfinished(); }, [this] { say_interrupted(); });
+  const int threads = (host_ ? host_ : executor_)->threads();
+  if (!arguments_.quiet)
+    fmt::print("{}: {} on {}{}, {}\n", arguments_.graph.graph, counted(frames_.size(), "frame"), executor_->name(),
+               host_ ? fmt::format(" ({})", executor_choices().front().description) : "", counted(static_cast<size_t>(threads), "thread"));
+  find_work();
+  Progress progress(to_do_.size(), arguments_.quiet);
+  if (plan_->sinks().empty())
+    progress.warn("the graph writes nothing: add a node such as write_mesh");
+  else
+    for (const std::string& line : unused_nodes(*plan_)) progress.warn(line);
+  const double before = progress.seconds();
+  evaluator_.evaluate_frames(to_do_, outputs_, true, [&](const FrameResult& result) { frame_done(result, progress); });
+  const double frames_seconds = progress.seconds() - before;
+  keep_figures(progress, [&] { stats_.finish(); });
+  progress.end_line();
+  print_summary(progress, frames_seconds);
+  const std::vector<std::string> objections = outcome_.objections();
+  for (const std::string& objection : objections) spdlog::error("{}", objection);
+  if (interrupted() && is_unfinished()) {
+    end_interrupts();
+    say_interrupted();
+    return kInterrupted;
+  }
+  if (arguments_.sheet)
+    for (const std::string& sheet : write_sheets(*plan_, frames_))
+      if (!arguments_.quiet) fmt::print("contact sheet: {}\n", sheet);
+  if (outcome_.failed() || !figures_kept_) return kFrameFailed;
+  return objections.empty() ? kGood : kStrict;
+}
+
 }  // namespace
 
 int run(const RunArguments& arguments) {
-  const auto plan = load_plan(arguments.graph);
-  const std::vector<int> frames = frames_of(arguments, *plan);
-  const auto executor = make_executor(arguments.device);
-  const auto host = executor->device() == Device{} ? nullptr : make_cpu_executor(arguments.device.threads);  // for nodes that run on no device
-  EvaluatorOptions options;
-  options.executor = executor.get();
-  options.host_executor = host.get();
-  options.checked = arguments.checked;
-  options.cancelled = interrupted;
-  Evaluator evaluator(plan, options);
-  catch_interrupts();
-  make_out_folder(arguments.graph.out);
-  StatsFile stats(stats_path(arguments), arguments.resume);
-  const int threads = (host ? host : executor)->threads();
-  if (!arguments.quiet)
-    fmt::print("{}: {} frame{} on {}{}, {} thread{}\n", arguments.graph.graph, frames.size(), frames.size() == 1 ? "" : "s", executor->name(),
-               host ? fmt::format(" ({})", executor_choices().front().description) : "", threads, threads == 1 ? "" : "s");
-
-  Counts counts;
-  std::vector<int> to_do;
-  const std::vector<ReportOutput> reports = report_outputs(*plan);
-  const std::vector<std::string> outputs = wanted_outputs(*plan, reports);
-  for (const int frame : frames) {
-    if (interrupted()) break;
-    if (arguments.resume && is_complete(evaluator, frame, outputs, stats.earlier(frame)))
-      ++counts.skipped;
-    else
-      to_do.push_back(frame);
-  }
-  Progress progress(to_do.size(), arguments.quiet);
-  if (plan->sinks().empty())
-    progress.warn("the graph writes nothing: add a node such as write_mesh");
-  else
-    for (const std::string& line : unused_nodes(*plan)) progress.warn(line);
-  Figures figures(stats, reports, progress);
-  evaluator.evaluate_frames(to_do, outputs, true, [&](FrameResult result) {
-    ++(result.error ? counts.failed : counts.good);
-    figures.add(evaluator, result, outputs);
-    progress.frame_done(result);
-  });
-  figures.finish();
-  progress.end_line();
-  if (!arguments.quiet) print_summary(arguments, evaluator, counts, progress.seconds(), stats.path());
-  if (!arguments.quiet && progress.without_contact())
-    fmt::print("nothing touched the body in any of these frames: are body and colliders of one size, and does the motion lead to the body?\n");
-  if (interrupted() && counts.good + counts.failed + counts.skipped < frames.size()) {
-    spdlog::error("interrupted: {} of {} frames are complete; the same command with --resume goes on from here", counts.good + counts.skipped,
-                  frames.size());
-    return kInterrupted;
-  }
-  if (arguments.sheet)
-    for (const std::string& sheet : write_sheets(*plan, frames))
-      if (!arguments.quiet) fmt::print("contact sheet: {}\n", sheet);
-  return counts.failed || !figures.good() ? kFrameFailed : kGood;
+  Strict strict(arguments.strict);
+  return Run(arguments, load_plan(arguments.graph), std::move(strict))();
 }
 
 }  // namespace knead::app

@@ -2,13 +2,16 @@
 
 #include "app/common.h"
 #include "io/schema.h"
+#include "io/stats.h"
 
 namespace knead::app {
 
-int show_nodes(const std::string& name, bool schema, bool markdown) {
+int show_nodes(const std::string& name, bool schema, bool figures_schema, bool markdown) {
   const Registry& registry = Registry::builtin();
   if (schema) {
     fmt::print("{}", graph_schema(registry));
+  } else if (figures_schema) {
+    fmt::print("{}", stats_schema());
   } else if (markdown) {
     fmt::print("{}", node_table_markdown(registry));
   } else if (name.empty()) {

@@ -59,7 +59,7 @@ class KNEAD_API WholeFile {
 
 // Removes what every WholeFile of this process has written and not yet committed. For a process that ends at once: any use of a WholeFile afterwards
 // waits for ever.
-void abandon_whole_files();
+KNEAD_API void abandon_whole_files();
 
 // A file made whole in one call.
 KNEAD_API void write_whole_file(const std::string& path, std::string_view bytes);

@@ -85,13 +85,13 @@ int main(int count, char** words) try {
   options.registry = &registry;
   std::filesystem::create_directories(words[2]);
   Evaluator evaluator(compile(read_graph_file(words[1], words[2]), options));
-  std::vector<ReportOutput> reports;
+  std::vector<Source> targets;
   std::vector<std::string> outputs;
   for (const auto& [name, source] : evaluator.plan().names)
-    if (name.ends_with("_m.report")) reports.push_back({name, false}), outputs.push_back(name);
+    if (name.ends_with("_m.report")) targets.push_back(source), outputs.push_back(name);
   const FrameResult result = evaluator.evaluate(1, outputs, true);
   if (result.error) throw *result.error;
-  std::ofstream(std::filesystem::path(words[2]) / "stats.jsonl") << stats_line(result, reports, "", {}) << '\n';
+  std::ofstream(std::filesystem::path(words[2]) / "stats.jsonl") << stats_line(result, stats_nodes(evaluator.plan(), targets), {}) << '\n';
   return 0;
 } catch (const knead::Error& error) {
   std::fprintf(stderr, "%s\n", error.what());

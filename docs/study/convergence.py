@@ -35,6 +35,15 @@ def read_ply(path):
     return np.frombuffer(data, "<f4", 3 * count, end).reshape(count, 3).astype(float)
 
 
+def figures_of(line):
+    """A line of stats.jsonl as one table: NODE.FIGURE of every report, and NODE.seconds."""
+    figures = {"frame": line["frame"]}
+    for name, node in line["nodes"].items():
+        figures[name + ".seconds"] = node["seconds"]
+        figures.update({f"{name}.{figure}": value for figure, value in node.get("report", {}).items()})
+    return figures
+
+
 class Study:
     def __init__(self, knead, out):
         self.knead, self.out = knead, out
@@ -44,11 +53,12 @@ class Study:
         folder.mkdir(parents=True, exist_ok=True)
         graph = folder / "graph.json"
         graph.write_text(json.dumps({"knead": 1, "frames": frames, "nodes": nodes}, indent=1))
+        (folder / "stats.jsonl").unlink(missing_ok=True)  # a run keeps the lines of other frames
         command = [anderson, graph, folder] if anderson else [self.knead, "run", graph, "--threads", "1", "--out", folder]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise SystemExit(f"{name}: {done.stdout}{done.stderr}")
-        return folder, [json.loads(line) for line in (folder / "stats.jsonl").read_text().splitlines()]
+        return folder, [figures_of(json.loads(line)) for line in (folder / "stats.jsonl").read_text().splitlines()]
 
 
 class Scene:
@@ -166,8 +176,8 @@ def seconds_each(study, scene, runs=5):
         scene.loop(nodes, "loop", 100)
         scene.equilibrium(nodes, "eq")
         _, (stats,) = study.run("time_" + scene.name, nodes)
-        loops.append(stats["times"]["loop"] / 100)
-        solves.append(stats["solve_milliseconds"] * 1e-3 / stats["eq_m.iterations"])  # no other node reports it, so that it stands without a name
+        loops.append(stats["loop.seconds"] / 100)
+        solves.append(stats["eq.solve_milliseconds"] * 1e-3 / stats["eq.iterations"])
     return min(loops), min(solves)
 
 
@@ -202,7 +212,7 @@ def study_distance(study, meshes, results, done):
                     "to_equilibrium": distance(shape(name), converged, dent)[0], "volume_error": stats[name + "_m.volume_error"],
                     "inverted": stats[name + "_m.inverted_tets"], "raw_penetration": stats[name + "_exact.penetration_max_relative"]}
 
-        result = {"dent": dent, "tets": stats["tets"], "diagonal": float(np.linalg.norm(np.ptp(rest, axis=0))), "loops": {}}
+        result = {"dent": dent, "tets": stats["tets.tets"], "diagonal": float(np.linalg.norm(np.ptp(rest, axis=0))), "loops": {}}
         names = [f"eq_{count}" for count in EQUILIBRIUM_COUNTS]
         each_round, each_solve = seconds_each(study, scene)
         solve = lambda name: each_solve * stats[name + "_m.iterations"]
@@ -346,7 +356,7 @@ def study_sweep(study, steps=1000):
         folder, stats = study.run("sweep_" + ("given" if settings else "told"), nodes, f"1-{steps + 1}")
         stats.sort(key=lambda line: line["frame"])
         figures = ("ended", "iterations", "solve_milliseconds", "undecided_colliders", "enclosed_colliders", "contacts", "inverted_tets", "displacement_max")
-        row = {figure: [line[figure] for line in stats] for figure in figures}  # one node reports them, so that they stand without its name
+        row = {figure: [line["eq_m." + figure] for line in stats] for figure in figures}
         for kind, files in (("raw", "raw"), ("projected", "eq")):
             shapes = (read_ply(folder / f"{files}.{frame:04d}.ply") for frame in range(1, steps + 2))
             before, row[kind] = next(shapes), []

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -87,6 +88,20 @@ class Program : public testing::Test {
     std::ifstream in(folder_ / path);
     for (std::string line; std::getline(in, line);) lines.push_back(nlohmann::json::parse(line));
     return lines;
+  }
+  // A figure of the last node of the line that tells it; NaN where none does.
+  static double figure(const nlohmann::json& line, const std::string& name) {
+    double value = std::numeric_limits<double>::quiet_NaN();
+    for (const auto& [node, entry] : line.at("nodes").items())
+      if (entry.contains("report") && entry["report"].contains(name) && entry["report"][name].is_number()) value = entry["report"][name];
+    return value;
+  }
+  static std::vector<std::string> warnings(const nlohmann::json& line) {
+    std::vector<std::string> all;
+    for (const auto& [node, entry] : line.at("nodes").items())
+      for (const auto& warning : entry.value("warnings", nlohmann::json::array()))
+        all.push_back("node '" + node + "': " + warning.get<std::string>());
+    return all;
   }
   std::vector<std::string> files_in(const std::string& sub) const {
     std::vector<std::string> names;
