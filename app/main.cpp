@@ -86,7 +86,7 @@ void declare(CLI::App& program, Arguments& all) {
   nodes_command->add_option("NAME", all.node, "a node type");
   nodes_command->add_flag("--schema", all.schema, "the JSON schema of graph files");
   nodes_command->add_flag("--stats-schema", all.stats_schema, "the JSON schema of a line of stats.jsonl");
-  nodes_command->add_flag("--markdown", all.markdown, "all node types as a Markdown table");
+  nodes_command->add_flag("--markdown", all.markdown, "all node types as the page docs/nodes.md");
   nodes_command->callback([&] { all.command = [&] { return show_nodes(all.node, all.schema, all.stats_schema, all.markdown); }; });
 
   CLI::App* info_command = program.add_subcommand("info", "version, executors, libraries");

@@ -13,7 +13,7 @@ int show_nodes(const std::string& name, bool schema, bool figures_schema, bool m
   } else if (figures_schema) {
     fmt::print("{}", stats_schema());
   } else if (markdown) {
-    fmt::print("{}", node_table_markdown(registry));
+    fmt::print("{}", nodes_markdown(registry));
   } else if (name.empty()) {
     fmt::print("{}\n`knead nodes NAME` shows a node's page.\n", node_list(registry));
   } else if (const NodeType* type = registry.find(name)) {

@@ -267,15 +267,21 @@ std::string node_list(const Registry& registry) {
   return list;
 }
 
-std::string node_table_markdown(const Registry& registry) {
-  std::string table = "| node | what it does | inputs | outputs |\n|---|---|---|---|\n";
+std::string nodes_markdown(const Registry& registry) {
+  std::string table =
+      "# Nodes\n\nMade by `knead nodes --markdown` from the declarations. `knead nodes NAME` prints one node's page.\n\n| node | what it does | "
+      "inputs | outputs |\n|---|---|---|---|\n";
   for (const std::string& name : registry.names()) {
     const Declaration declared = declaration_of(*registry.find(name));
     std::string inputs = joined(declared.inputs), outputs = joined(declared.outputs), title = node_title(*registry.find(name));
     if (name == "iterate") inputs = "`state`, `body`, `next`", outputs = "its states, `report`";
     if (name == "group") inputs = "the file's inputs", outputs = "the file's outputs";
     for (size_t at = title.find('|'); at != std::string::npos; at = title.find('|', at + 2)) title.insert(at, "\\");
-    table += fmt::format("| `{}` | {} | {} | {} |\n", name, title, inputs, outputs);
+    table += fmt::format("| [`{0}`](#{0}) | {1} | {2} | {3} |\n", name, title, inputs, outputs);
+  }
+  for (const std::string& name : registry.names()) {
+    const std::string page = manual_page(*registry.find(name));
+    table += fmt::format("\n## {}\n\n```\n{}\n```\n", name, page.substr(page.find("\n\n") + 2, page.find_last_not_of('\n') - page.find("\n\n") - 1));
   }
   return table;
 }

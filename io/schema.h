@@ -1,4 +1,4 @@
-// What the node declarations say, for editors and for people: the JSON schema of graph files, the manual pages, the README's table.
+// What the node declarations say, for editors and for people: the JSON schema of graph files, the manual pages, the documentation's page of nodes.
 #pragma once
 #include <string>
 
@@ -18,7 +18,7 @@ KNEAD_API std::string node_title(const NodeType& type);
 // "read_mesh   Reads a mesh ...", a line for every type.
 KNEAD_API std::string node_list(const Registry& registry);
 
-// A Markdown table of all node types: name, what it does, inputs, outputs.
-KNEAD_API std::string node_table_markdown(const Registry& registry);
+// docs/nodes.md: a table of all node types (name, what it does, inputs, outputs), then every type's page.
+KNEAD_API std::string nodes_markdown(const Registry& registry);
 
 }  // namespace knead

@@ -286,7 +286,7 @@ TEST_F(Program, ShowsTheManual) {
   EXPECT_THAT(knead({"nodes"}).out, AllOf(HasSubstr("primitive "), HasSubstr("iterate ")));
   EXPECT_THAT(knead({"nodes", "primitive"}).out, AllOf(HasSubstr("Parameters"), HasSubstr("radius")));
   EXPECT_TRUE(nlohmann::json::parse(knead({"nodes", "--schema"}).out).contains("definitions"));
-  EXPECT_THAT(knead({"nodes", "--markdown"}).out, HasSubstr("| `primitive` |"));
+  EXPECT_THAT(knead({"nodes", "--markdown"}).out, HasSubstr("| [`primitive`](#primitive) |"));
   EXPECT_THAT(knead({"nodes", "primitiv"}).err, HasSubstr("did you mean 'primitive'?"));
 }
 

@@ -115,9 +115,9 @@ TEST(ManualPage, IsThereForEveryBuiltinType) {
 
 TEST(NodeTable, HasARowForEveryType) {
   const Registry registry = toys();
-  const std::string table = node_table_markdown(registry);
-  EXPECT_THAT(table, HasSubstr("| `toy` | Doubles \\| or more | `value`, `extra`?, `more`... | `result` |"));
-  EXPECT_THAT(table, HasSubstr("| `pair` | Two toys in one | `value`, `side`... | `result` |"));
+  const std::string table = nodes_markdown(registry);
+  EXPECT_THAT(table, HasSubstr("| [`toy`](#toy) | Doubles \\| or more | `value`, `extra`?, `more`... | `result` |"));
+  EXPECT_THAT(table, HasSubstr("| [`pair`](#pair) | Two toys in one | `value`, `side`... | `result` |"));
   EXPECT_THAT(node_list(registry), HasSubstr("toy                Doubles | or more\n"));
 }
 
