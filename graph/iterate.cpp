@@ -206,6 +206,19 @@ void Iterate::evaluate(Context& context) const {
   context.set_output(static_cast<int>(states_.size()), Value::of(std::move(report)));
 }
 
+// The states in storage of their own, which is the same in every round.
+static std::vector<Value> with_own_storage(const std::vector<Value>& states, Executor& executor) {
+  std::vector<Value> own;
+  for (const Value& value : states)
+    own.push_back(value.type()->with_buffers(value, [&](const Buffer<std::byte>& from) {
+      if (from.device() != executor.device()) return from;
+      Buffer<std::byte> copy(from.size(), executor.memory());
+      executor.launch(CopyWords{words(from), reinterpret_cast<uint32_t*>(copy.data_for_write())}, words_of(from.bytes()));
+      return copy;
+    }));
+  return own;
+}
+
 // Makes the rounds after the first on the device, if the device can and nothing in the body needs the host. `round` and `next` are as the first round
 // left them, not yet counted; where this is true the states are in round.externals and `progress` says how the loop ended.
 bool Iterate::stay_on_device(Context& context, PlanValues& round, const std::vector<Value>& next, std::vector<double>& seconds,
@@ -214,17 +227,8 @@ bool Iterate::stay_on_device(Context& context, PlanValues& round, const std::vec
   const std::unique_ptr<LoopRecorder> recorder = executor.record_loop();
   if (!recorder) return false;
 
-  // The states get storage of their own, which is the same in every round.
-  std::vector<Value> state;
-  for (const Value& value : next) {
-    if (!value) return false;
-    state.push_back(value.type()->with_buffers(value, [&](const Buffer<std::byte>& from) {
-      if (from.device() != executor.device()) return from;
-      Buffer<std::byte> own(from.size(), executor.memory());
-      executor.launch(CopyWords{words(from), reinterpret_cast<uint32_t*>(own.data_for_write())}, words_of(from.bytes()));
-      return own;
-    }));
-  }
+  if (std::any_of(next.begin(), next.end(), [](const Value& value) { return !value; })) return false;
+  std::vector<Value> state = with_own_storage(next, executor);
   Buffer<LoopProgress> on_device(1, executor.memory());
   LoopEnd end{};
   end.progress = on_device.data_for_write();

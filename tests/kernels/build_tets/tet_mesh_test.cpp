@@ -1,10 +1,9 @@
-#include "kernels/build_tets/build_tets.h"
-
 #include <gtest/gtest.h>
 
 #include <random>
 
 #include "graph/error.h"
+#include "kernels/build_tets/build_tets.h"
 #include "tests/kernels/build_tets/tet_properties.h"
 #include "tests/kernels/triangle_soup.h"
 
