@@ -163,7 +163,9 @@ TEST(IncludeDirection, HeadersShowNoneOfTheLibrariesBehindThem) {
                                 "spdlog/",  "CLI/", "tiny_obj_loader", "png.h",  "cuda",      "Imath"};
   for (const char* room : {"graph", "kernels", "nodes", "io"})
     for (const Include& include : includes_of(room)) {
-      if (!is_header(include.file)) continue;
+      // But for what the sources of libknead_vdb tell each other, which are all OpenVDB's.
+      if (include.what == "io/vdb/file_grids.h") EXPECT_TRUE(begins(include.file, "io/vdb/") && !is_header(include.file)) << said(include);
+      if (!is_header(include.file) || include.file == "io/vdb/file_grids.h") continue;
       for (const char* library : hidden) EXPECT_FALSE(begins(include.what, library)) << said(include);
     }
 }
