@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "graph/ended.h"
 #include "graph/loop.h"
 #include "graph/plan_values.h"
 #include "graph/report.h"
@@ -201,7 +202,7 @@ void Iterate::evaluate(Context& context) const {
   }
   Report report;
   report.set("iterations", progress.iterations);
-  report.set("ended", progress.at_rest ? "at rest" : "iteration limit");
+  report.set("ended", text_of(progress.at_rest ? Ended::kAtRest : Ended::kIterationLimit));
   report.set("unrest", progress.unrest);
   context.set_output(static_cast<int>(states_.size()), Value::of(std::move(report)));
 }

@@ -35,7 +35,7 @@ const DeformGraph kGraph{
   hold: {default: 20, doc: "pull to rest: 200 keeps dents local, 2 lets the whole body give way"}
   friction: {default: 0, doc: "above 0: skin clings to a collider"}
   entry: {default: [0, 0, 0], doc: "the way that the colliders came in, world; zero: told from M at rest"}
-  contact_gap: {default: 2.0e-3, doc: "how far outside a collider its push begins, in diagonals"}
+  contact_gap: {default: 2.0e-3, doc: "how far outside a collider its force begins, in diagonals"}
   contact_samples: {default: 0, doc: "4: points inside the triangles are kept outside too, for a coarse M under a sharp collider"}
   max_iterations: {default: 150, doc: "after which it ends in any case"}
   threshold: {default: 3.0e-4, doc: "sum of forces over contact forces at rest"}

@@ -44,9 +44,10 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
   elastic  `material`: stable_neo_hookean (Smith, de Goes, Kim 2018), corotated, or edges (springs along H's edges); `poisson_ratio` says how well volume is
            kept: 0.45 lets flesh give a little; nearer to 0.5 is slower. What M encloses as a whole is kept by `keep_volume`
   hold     a pull to rest, `hold`, over the body: 0 lets a free body be pushed aside as a whole, 20 keeps it, 200 keeps dents local. `pins` hold for good.
-  contact  every vertex of M outside every collider: a stiff push with a memory (augmented Lagrangian), so that it ends exact, not merely stiff.
-           `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The push begins a little way outside, at
-           `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps some gap.
+  contact  every vertex of M outside every collider: a stiff force with a memory, the multiplier of an augmented Lagrangian, so that contacts end exact, not
+           merely stiff. `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The force begins a little way
+           outside, at `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps
+           some gap.
            With `friction` skin clings to where it met the collider on its way in, and slides when pulled harder.
 
 Which side of a collider the flesh is on is told from M at rest: by the normals of what is inside the collider, or, when it is in deeper than its middle, by a
@@ -56,7 +57,7 @@ which lie in the body and touch nothing, as bones do and what was let through.
 
 It never starts from the frame before, but a fine H can start from where a coarse one of the same surface came to rest, roughly: the same result within the stop
 rule, in fewer iterations; `started` in the report says so. The coarse solve decides on which side of a collider the flesh is. What `start` brings passes
-through the host. Give both the same contact_samples, else contacts begin without their pushes.
+through the host. Give both the same contact_samples, else contacts begin without their forces.
 
   coarse: {type: build_tets, surface: head, max_depth: 4}
   first:  {type: equilibrium, surface: head, sdf: solid, tets: coarse, lattice: coarse.lattice, threshold: 1.0e-2, displacement: 1.0e-2, penetration: 2.0e-2}
@@ -69,8 +70,8 @@ It starts from rest and runs L-BFGS over a metric (Liu, Bouaziz, Kavan 2017): on
 three by three per edge of H. Its grids belong to the rest shape and are made once; where the shape has changed the matrix follows it, and what pushes, after
 4, 8, 16, 32 iterations and so on, and when steps are refused. An H of more than 8,000 vertices moves as the coarsest of these grids can at first, then as finer
 ones, each for as long as an iteration takes a tenth of the energy away: its own tets would crumple under fresh contacts. It ends when the forces balance to
-`threshold` of the contact forces, the last step was short and no contact is off by more than `penetration`, or a twentieth of it in the mean: `rest`. Else the
-report says `rounding` (a touch so light that float32 gets it no nearer to balance), `iterations` or `stalled`. What is left of penetration (below 1e-4 of the
+`threshold` of the contact forces, the last step was short and no contact is off by more than `penetration`, or a twentieth of it in the mean: the
+report says `at rest`. Else it says `rounding` (a touch so light that float32 gets it no nearer to balance), `iteration limit` or `stalled`. What is left of penetration (below 1e-4 of the
 diagonal) is taken out by collide_sdf in mode project. Where no collider is nearer than the gap, M comes out untouched.
 The same bits for any number of threads.
 
@@ -114,13 +115,13 @@ class Equilibrium : public Node {
   Param<double> contact_gap{
       this,
       "contact_gap",
-      EquilibriumSettings{}.gap,
-      {.min = 0, .max = 0.1, .unit = "diagonals", .doc = "how far outside a collider its push begins; 0: at touch, not smooth in time"}};
+      EquilibriumSettings{}.contact_gap,
+      {.min = 0, .max = 0.1, .unit = "diagonals", .doc = "how far outside a collider its force begins; 0: at touch, not smooth in time"}};
   Param<double> friction{
-      this, "friction", 0, {.min = 0, .max = 10, .doc = "Coulomb's: how much of a contact's push may pull skin back to where its contact began"}};
+      this, "friction", 0, {.min = 0, .max = 10, .doc = "Coulomb's: how much of a contact's force may pull skin back to where its contact began"}};
   Param<int> max_iterations{this, "max_iterations", EquilibriumSettings{}.max_iterations, {.min = 1, .doc = "after which it ends in any case"}};
   Param<double> threshold{
-      this, "threshold", EquilibriumSettings{}.gradient, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
+      this, "threshold", EquilibriumSettings{}.threshold, {.min = 1e-6, .max = 1, .doc = "sum of forces over contact forces at rest"}};
   Param<double> displacement{
       this, "displacement", EquilibriumSettings{}.displacement, {.min = 0, .unit = "diagonals", .doc = "longest last step at rest"}};
   Param<double> penetration{this,
@@ -162,14 +163,14 @@ class Equilibrium : public Node {
     for (size_t k = 0; k < context.count(sdf); ++k) colliders.push_back(&context.get(sdf, k));
     EquilibriumSettings settings;
     settings.max_iterations = max_iterations();
-    settings.gradient = threshold();
+    settings.threshold = threshold();
     settings.displacement = displacement();
     settings.penetration = penetration();
     settings.contact = contact();
     settings.memory_interval = memory_interval();
     settings.memory_gradient = memory_gradient();
     settings.margin = margin() / body.placement.scale;
-    settings.gap = contact_gap();
+    settings.contact_gap = contact_gap();
     settings.friction = friction();
     settings.entry = {entry()[0], entry()[1], entry()[2]};
     settings.on_host = [&](size_t k) {
@@ -193,7 +194,7 @@ class Equilibrium : public Node {
     end.key = rest_key;
     if (context.wants(state)) end.surface = contents(context, body.points);
     Surface pressed = body;
-    if (figures.ended != "no contact") pressed.points = map_to_surface(context.executor(), moved, bound);
+    if (figures.ended != Ended::kNoContact) pressed.points = map_to_surface(context.executor(), moved, bound);
     context.add_time("elastic", figures.elastic_seconds);
     context.add_time("contact", figures.contact_seconds);
     context.add_time("directions", figures.direction_seconds);
@@ -260,7 +261,7 @@ class Equilibrium : public Node {
 
   static Report describe(const EquilibriumFigures& figures, const RestFigures& rest) {
     Report report;
-    report.set("ended", figures.ended);
+    report.set("ended", text_of(figures.ended));
     report.set("iterations", figures.iterations);
     report.set("started", figures.started ? "state" : "rest");
     report.set("way_in_iterations", figures.way_in);

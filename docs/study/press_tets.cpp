@@ -155,8 +155,8 @@ void press(int depth, double poisson_ratio, const std::array<double, 3>& centre,
     material.keep_volume = false;
     material.pins = &pins;
     EquilibriumSettings settings;
-    settings.gap = 0;
-    settings.gradient = 1e-4;
+    settings.contact_gap = 0;
+    settings.threshold = 1e-4;
     settings.displacement = 1e-5;
     settings.penetration = 1e-5;
     settings.max_iterations = 3000;
@@ -164,8 +164,8 @@ void press(int depth, double poisson_ratio, const std::array<double, 3>& centre,
     const auto prepared = prepare_equilibrium(*executor, build.tets, lattice, material);
     const Buffer<Vec3f> moved = solve_equilibrium(*executor, *prepared, lattice.rest.placement, {std::vector<const Sdf*>{&solid}}, settings, figures);
     write_rows(folder + "/" + name + ".txt", in_world(moved.host(), to_world));
-    std::printf("%s %s iterations %d gradient %.3g contact_error %.3g least_tet %.3f seconds %.3f\n", name, figures.ended.c_str(), figures.iterations,
-                figures.gradient, figures.penetration, figures.least_volume, figures.seconds);
+    std::printf("%s %s iterations %d gradient %.3g contact_error %.3g least_tet %.3f seconds %.3f\n", name, text_of(figures.ended),
+                figures.iterations, figures.gradient, figures.penetration, figures.least_volume, figures.seconds);
   }
 }
 

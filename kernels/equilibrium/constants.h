@@ -28,10 +28,9 @@ struct MetricConstants {
   double coarse_interval = 2;
   // This takes the place of `interval` where the solve starts from another H's result, with a metric of nearly the right shape.
   double started_interval = 16;
-  // The metric also follows the shape where refused steps have scaled the metric down to less than this.
+  // The metric also follows the shape where refused steps have scaled the metric down to less than this, `interval` iterations after the last renewal at the
+  // earliest.
   double least_scale = 0.3;
-  // Renewals by `least_scale` are at least this many iterations after the last renewal.
-  double least_interval = 8;
   // A renewal before this iteration makes L-BFGS forget its pairs, which tell of a body that was far from the metric's shape.
   double forget_before = 9;
   // A tet keeps its part of the metric while no cofactor has changed by more than this part of the largest.
@@ -103,8 +102,6 @@ struct LineSearchConstants {
 
 // Contacts.
 struct ContactConstants {
-  // Samples as near to a collider as this are listed, cells.
-  double skin = 3;
   // A contact keeps some of its gap up to this pressure over the body's own stiffness.
   double gap_pressure = 0.5;
   // The gap takes at most this part of a field's outside band.

@@ -12,6 +12,8 @@ namespace knead {
 namespace {
 
 constexpr size_t kFewSamples = ContactEnergy::kGrain;
+// Samples as near to a collider as this are listed, cells. Half and double give the same bits; less lists oftener, more looks at more samples.
+constexpr float kSkin = 3;
 
 }  // namespace
 
@@ -32,7 +34,7 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
       multiplier_(filled<float>(executor, colliders.size() * rest.samples.size() + 1)),
       distance_(multiplier_.size(), executor.memory()),
       slack_(filled<float>(executor, rest.samples.size())),
-      skin_(static_cast<float>(settings.constants.contact.skin)) {
+      skin_(kSkin) {
   if (colliders.size() > kMostColliders)
     throw Error(ErrorCode::kInput,
                 std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
@@ -54,7 +56,7 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.samples = static_cast<uint32_t>(samples());
   body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
-  body_.law.gap = static_cast<float>(settings.gap * rest_.diagonal);
+  body_.law.gap = static_cast<float>(settings.contact_gap * rest_.diagonal);
   body_.friction = static_cast<float>(settings.friction);
   normal_ = filled<Row4>(executor_, multiplier_.size());
   body_.normal = normal_.data_for_write();

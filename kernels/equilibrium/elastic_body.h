@@ -132,10 +132,10 @@ struct ElasticTets {
     const F rest = dot(e.a, cross(e.b, e.c));
     const F over = 1.0f / (rest > tiny ? rest : tiny);
     const F grown = (dot(s.a, bc_area) + dot(e.a, cross(s.b, c)) + dot(e.a, cross(e.b, s.c))) * over;
-    const F push = lambda * grown * over;
-    g.a += bc_area * push;
-    g.b += ca_area * push;
-    g.c += ab_area * push;
+    const F pressure = lambda * grown * over;
+    g.a += bc_area * pressure;
+    g.b += ca_area * pressure;
+    g.c += ab_area * pressure;
     return {energy + 0.5f * lambda * grown * grown, 1.0f + grown};
   }
 

@@ -40,7 +40,7 @@ class Solver {
     const auto start = std::chrono::steady_clock::now();
     Evaluation now = minimiser_.evaluate();
     if (!begin_from_state(now) && !begin_at_rest(now)) {
-      figures_.ended = "no contact";
+      figures_.ended = Ended::kNoContact;
       return rest_.rest;
     }
     descend(now);
@@ -60,7 +60,7 @@ class Solver {
     EquilibriumState state;
     state.undecided = figures_.undecided;
     state.enclosed = figures_.enclosed;
-    if (figures_.ended == "no contact") return state;
+    if (figures_.ended == Ended::kNoContact) return state;
     std::vector<Row4> u(rest_.vertices);
     executor_.copy(minimiser_.u().data(), executor_.device(), u.data(), Device{}, u.size() * sizeof(Row4));
     executor_.synchronise();
@@ -212,7 +212,7 @@ class Solver {
   // What is due before iteration `done`.
   void renew(int done, Renewals& renewals) {
     const MetricConstants& c = constants_.metric;
-    if (done == renewals.next || (minimiser_.metric_scale() < c.least_scale && done >= renewals.last + c.least_interval)) {
+    if (done == renewals.next || (minimiser_.metric_scale() < c.least_scale && done >= renewals.last + c.interval)) {
       minimiser_.renew_for_shape();
       if (done < c.forget_before || done < renewals.next) minimiser_.forget_pairs();
       renewals.done(done);
@@ -227,7 +227,7 @@ class Solver {
   }
   bool volume_off() const { return std::abs(contacts_.volume_error()) > constants_.stopping.volume; }
   bool settled(const Evaluation& now) const {
-    return !contacts_.by_entries() && !volume_off() && now.relative_gradient() <= settings_.gradient && figures_.step <= settings_.displacement;
+    return !contacts_.by_entries() && !volume_off() && now.relative_gradient() <= settings_.threshold && figures_.step <= settings_.displacement;
   }
 
   bool multipliers_due(const Evaluation& now, int since_update) const {
@@ -240,7 +240,7 @@ class Solver {
   void descend(Evaluation& now) {
     Renewals renewals = first_renewals();
     int since_update = 0, still = 0, on_grid = 0;
-    figures_.ended = "iterations";
+    figures_.ended = Ended::kIterationLimit;
     for (int done = 0; done < settings_.max_iterations; ++done) {
       if (done == constants_.way_in.iterations_on_side && contacts_.by_entries()) {
         contacts_.forget_entries();
@@ -250,7 +250,7 @@ class Solver {
       const double before = now.energy;
       const bool went = iterate(now);
       if (!went && minimiser_.grid() == 0) {
-        figures_.ended = "stalled";
+        figures_.ended = Ended::kStalled;
         return;
       }
       ++on_grid;
@@ -262,12 +262,12 @@ class Solver {
       ++since_update;
       const bool off = contacts_off(now);
       if (settled(now) && !off) {
-        figures_.ended = "rest";
+        figures_.ended = Ended::kAtRest;
         return;
       }
       still = minimiser_.grid() == 0 && figures_.step <= constants_.stopping.still && !off && !contacts_.by_entries() ? still + 1 : 0;
       if (still == constants_.stopping.still_steps) {
-        figures_.ended = "rounding";
+        figures_.ended = Ended::kRounding;
         return;
       }
       if ((off || volume_off()) && multipliers_due(now, since_update)) {

@@ -4,8 +4,8 @@
 #include <functional>
 #include <memory>
 #include <span>
-#include <string>
 
+#include "graph/ended.h"
 #include "graph/executor.h"
 #include "kernels/equilibrium/constants.h"
 #include "kernels/equilibrium/elastic_body.h"
@@ -49,11 +49,11 @@ struct MeshTransfer;  // kernels/equilibrium/mesh_transfer.h
 // Where a solve ended, in what does not depend on its H, for one on another H of the same M to start from. In the host's memory.
 struct EquilibriumState {
   std::shared_ptr<const EquilibriumRest> rest;  // of the H that it is of
-  Key key;                                      // of that
+  Key key;                                      // of that rest
   Key surface;                                  // of M's points
-  Buffer<Vec3f> moved;                          // by place of that rest: displacements, M's local space; none where nothing touched
+  Buffer<Vec3f> moved;                          // by permuted vertex of that rest: displacements, M's local space; none where nothing touched
   Buffer<float> pressures;                      // [colliders][samples] of contacts, over the body's stiffness
-  double volume_pressure = 0;                   // of the enclosed volume's memory, likewise
+  double volume_pressure = 0;                   // of the enclosed volume's multiplier, likewise
   size_t undecided = 0, enclosed = 0;
 };
 template <>
@@ -69,45 +69,54 @@ struct PortTraits<EquilibriumState> {
   static void hash(const EquilibriumState& v, Hasher& hasher) { hasher.add(v.key).add(v.volume_pressure); }
 };
 
+// The parameters of the node `equilibrium`, by their names there.
 struct EquilibriumSettings {
-  EquilibriumConstants constants;  // for studies
-  int max_iterations = 150;        // beside those of the way in
-  double gradient = 3e-4;          // at rest when the sum of forces is below this part of the contact forces,
-  double displacement = 2e-5;      // when the last step moved no vertex of H further than this part of M's diagonal,
-  double penetration = 1e-4;  // and when no contact is off by more than this part of M's diagonal, and a twentieth of it in the mean (RMS, by area)
-  double contact = 5;         // stiffness of a contact before its memory fills, relative to the body's own
-  double gap = 2e-3;          // of M's diagonal: how far outside a collider its push begins, from nothing; see ContactEnergy::push_of
-  double friction = 0;        // how much of a contact's push may pull back along the collider's surface to where the contact began
-  int memory_interval = 15;   // iterations after which the contact memory is updated in any case
-  double memory_gradient = 0.1;             // or when the relative gradient is below this
-  double margin = 0;                        // M's local units
-  Vec3d entry{0, 0, 0};                     // the way that the colliders came in, world; zero: told from the rest shape
-  const EquilibriumState* start = nullptr;  // null: rest. Contacts begin with its pushes when it has as many colliders and samples,
-  const MeshTransfer* transfer = nullptr;   // from its H to this one; then no collider needs a way in
-  // On a device: collider k where the host can read it, to find where it came in; asked for only when it touches M at rest.
+  EquilibriumConstants constants;  // for docs/study/constants.cpp
+  int max_iterations = 150;        // beside the iterations in which colliders come in
+  // At rest the sum of forces is below this part of the contact forces,
+  double threshold = 3e-4;
+  // the last step moved no vertex of H further than this part of M's diagonal,
+  double displacement = 2e-5;
+  // and no contact is off by more than this part of M's diagonal, nor in the mean (RMS, by area) by more than a part of that (StoppingConstants).
+  double penetration = 1e-4;
+  double contact = 5;            // stiffness of a contact before its multiplier fills, relative to the body's own
+  double contact_gap = 2e-3;     // of M's diagonal: how far outside a collider a contact's force begins, from nothing (ContactLaw)
+  double friction = 0;           // the largest force of friction over the contact's force
+  int memory_interval = 15;      // Multipliers are updated after this many iterations in any case,
+  double memory_gradient = 0.1;  // or when the relative gradient is below this.
+  double margin = 0;             // M's local units
+  Vec3d entry{0, 0, 0};          // the way that the colliders came in, world; zero: told from the rest shape
+  // Where to begin; null: at rest. Contacts begin with its pressures when it has as many colliders and samples, and no collider needs a way in.
+  const EquilibriumState* start = nullptr;
+  const MeshTransfer* transfer = nullptr;  // from the H of `start` to this one
+  // On a device: collider k where the host can read it, to find where the collider came in; asked for only when it touches M at rest.
   std::function<Sdf(size_t)> on_host;
   std::function<void()> check_cancelled;
 };
 
 struct EquilibriumFigures {
-  int iterations = 0, evaluations = 0, updates = 0;
-  int metrics = 0;          // made for this frame
-  int way_in = 0;           // iterations that the colliders needed to come in from outside (kernels/loop/approach.h), of all
-  size_t undecided = 0;     // colliders that are in so deep that their side cannot be told: the nearest way out was taken
-  size_t enclosed = 0;      // colliders that lie inside M at rest without touching it, where nothing says that they should, or that it let through
-  std::string ended;        // rest, rounding (no step moves anything that float32 sees), iterations, stalled, no contact
-  double gradient = 0;      // relative to the contact forces
-  double step = 0;          // the last one's largest displacement over M's diagonal
-  double penetration = 0;   // of M's samples over its diagonal, in the fields' own interpolant
+  Ended ended = Ended::kNoContact;
+  int iterations = 0;   // of all, those of the way in too
+  int evaluations = 0;  // of the energy
+  int updates = 0;      // of the multipliers
+  int metrics = 0;      // made for this frame
+  int way_in = 0;       // iterations in which colliders came in from outside (kernels/loop/approach.h)
+  // Colliders that are in so deep that their side cannot be told: the nearest way out was taken.
+  size_t undecided = 0;
+  // Colliders that lie inside M at rest without touching M, where nothing says that they should, or that M let through.
+  size_t enclosed = 0;
   bool started = false;     // from settings.start
-  double least_volume = 1;  // smallest V / V0 of a tet
+  double gradient = 0;      // the sum of forces over the contact forces
+  double step = 0;          // the largest displacement of the last step over M's diagonal
+  double penetration = 0;   // of M's samples over M's diagonal, in the fields' own interpolant
+  double least_volume = 1;  // the smallest V / V0 of a tet
   double energy = 0;        // of the deformed body, elastic and hold: that of contacts depends on how stiff they have become
-  double volume = 0;        // error of the enclosed volume, relative; 0 when it is not kept
-  size_t contacts = 0;
+  double volume = 0;        // the relative error of the enclosed volume; 0 when the volume is not kept
+  size_t contacts = 0;      // contacts with a force
   double elastic_seconds = 0, contact_seconds = 0, direction_seconds = 0, renewal_seconds = 0, seconds = 0;
 };
 
-// H's positions in tet space, in the executor's memory; those of rest, and `ended` "no contact", when nothing is in contact. `rest` is for the same
+// H's positions in tet space, in the executor's memory; those of rest, with Ended::kNoContact, when nothing is in contact. `rest` is for the same
 // executor. `end`, unless null, is given what the result is (all but its key and surface). On a device the host reads back one EquilibriumSums an
 // evaluation, and beside that only what it needs to find where colliders came in, and `end`; parts of the times are those of launches there. Throws
 // Error(kInput) as collide_push does.

@@ -1,4 +1,4 @@
-// The directions of the equilibrium's descent (kernels/equilibrium/lbfgs_body.h): everything that L-BFGS remembers stays in the executor's memory.
+// The directions of the equilibrium's minimisation (kernels/equilibrium/lbfgs_body.h): everything that L-BFGS remembers stays in the executor's memory.
 #pragma once
 #include "kernels/equilibrium/contacts.h"
 #include "kernels/equilibrium/lbfgs_body.h"

@@ -6,15 +6,19 @@
 
 namespace knead {
 
+// What L-BFGS remembers beside the pairs' rows: products, and the factors of the two loops.
 struct LbfgsSums {
-  static constexpr uint32_t kMost = 8;            // pairs: twice as many save no iteration
-  static constexpr double kLeastCurvature = 0.2;  // of the curvature that the metric had along a step: what its pair says at least
-  double sy[kMost][kMost];                        // s_i . y_j, of pairs i that are not younger than j
-  double over[kMost];                             // 1 / s.y; 0 of a pair without use
-  double alpha[kMost], factor[kMost];             // of y in q, and of s in the direction
-  double steep[kMost];                            // s . g of the last direction
-  double kept, added;                             // of the newest pair's y and of the gradient before, what y is made of instead
-  double volume, volume_over;                     // of the enclosed volume's part: its gradient times r, and what that is divided by
+  static constexpr uint32_t kMost = 8;  // Twice as many pairs save no iteration.
+  // A pair says at least this part of the curvature that the metric had along the pair's step.
+  static constexpr double kLeastCurvature = 0.2;
+  double sy[kMost][kMost];  // s_i . y_j, of pairs i that are not younger than j
+  double over[kMost];       // 1 / s.y; 0 of a pair without use
+  double alpha[kMost];      // the factor of y in q
+  double factor[kMost];     // the factor of s in the direction
+  double steep[kMost];      // s . g of the last direction
+  double kept, added;       // The newest pair's y becomes kept y + added g, with g the gradient before.
+  double volume;            // the factor of `solved` in SecondLoop: the enclosed volume's gradient times r, over the term's scale
+  double volume_over;       // 1 / that scale
 };
 
 // Which pairs there are, oldest first.
@@ -26,7 +30,8 @@ struct LbfgsRing {
 
 struct LbfgsDots {
   double of[LbfgsSums::kMost] = {};
-  double steps = 0, changes = 0, steep = 0;  // squares of the new pair, and its step times the gradient before
+  double steps = 0, changes = 0;  // squares of the new pair
+  double steep = 0;               // the new pair's step times the gradient before
 };
 KNEAD_HD LbfgsDots added(LbfgsDots a, const LbfgsDots& b) {
   for (uint32_t k = 0; k < LbfgsSums::kMost; ++k) a.of[k] += b.of[k];
@@ -66,9 +71,9 @@ struct PairRows {
   }
 };
 
-// Stores the step that was taken and the change of the gradient in the newest slot. Where the energy bends less along it than a part of what the metric
-// thought, or downwards as by a saddle, the change is mixed with the metric's own B s so that this part is left (Powell 1978): the next step along it is
-// longer, but not out of all proportion. B s is -along g, since s = -along B^-1 g.
+// Stores the step that was taken and the change of the gradient in the newest slot. Where the energy bends less along the step than a part of what
+// the metric thought, or downwards as by a saddle, the change is mixed with the metric's own B s so that this part is left (Powell 1978): the next step along
+// the same way is longer, but not out of all proportion. B s is -along g, since s = -along B^-1 g.
 struct RememberPair {
   static constexpr const char* kKernel = "remember_pair";
   PairRows rows;
@@ -173,7 +178,8 @@ struct WithoutChanges {
   }
 };
 
-// The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950). First what it is divided by, once for a metric.
+// The enclosed volume's part of the Hessian has rank 1 (Sherman and Morrison 1950): volume volume^T / compliance. `solved` is the metric's inverse times
+// `volume`. VolumeTermScale finds what the part is divided by, once for a metric, VolumeTermPart the part of one direction.
 struct VolumeTermScale {
   static constexpr const char* kKernel = "volume_term_scale";
   const Row4 *volume, *solved;
@@ -199,7 +205,7 @@ struct SecondLoop {
   static constexpr const char* kKernel = "lbfgs_second";
   PairRows rows;
   LbfgsRing ring;
-  const Row4* solved;  // of the volume; null: it is not kept
+  const Row4* solved;  // as VolumeTermScale has it; null: the volume is not kept
   Row4* r;
   LbfgsSums* sums;
   float scale;  // of the metric
@@ -232,7 +238,7 @@ struct SecondLoop {
   }
 };
 
-// The direction, downhill, in the place of r, and how steep it is.
+// The direction, downhill, which overwrites r, and the energy's slope along the direction.
 struct Downhill {
   static constexpr const char* kKernel = "lbfgs_direction";
   PairRows rows;

@@ -8,11 +8,11 @@ namespace knead {
 namespace {
 
 constexpr uint32_t kNone = ~uint32_t{0};
-constexpr double kInside = -1e-6;   // least coordinate of a point that counts as in a tet
-constexpr double kOutside = -1e-3;  // of one that other ways should be tried for
-constexpr double kFarthest = -1;    // of one that is extrapolated without bounds
-constexpr int kMostSteps = 256;
-constexpr int kRetries = 2;
+constexpr double kInside = -1e-6;   // A point counts as in a tet when its least barycentric coordinate is at least this.
+constexpr double kOutside = -1e-3;  // Other ways are tried for a point whose least coordinate is below this.
+constexpr double kFarthest = -1;    // A point is extrapolated no further than to this coordinate.
+constexpr int kMostSteps = 256;     // A walk ends after this many tets.
+constexpr int kRetries = 2;         // Rounds over the points for which other ways are tried.
 
 struct Found {
   uint32_t tet = kNone;

@@ -11,16 +11,16 @@
 namespace knead {
 namespace {
 
-constexpr uint32_t kCoarsest = 40;    // nodes that are few enough for a dense inverse,
-constexpr uint32_t kDense = 200;      // and the most of them when there is no coarser grid
-constexpr double kWorthAGrid = 0.4;   // of the nodes: a grid with more is left out, and the next one tried
-constexpr int kDegree = 2;            // of the smoother
-constexpr int kCoarsestDegree = 16;   // where the coarsest grid is too large for an inverse
-constexpr float kShift = 1e-5f;       // of the coarsest diagonal: trilinear weights may be linearly dependent
-constexpr size_t kRows = 128;         // per piece
-constexpr int32_t kWidest = 1 << 20;  // spacing
-constexpr int kMeasure = 20;          // steps towards a largest eigenvalue,
-constexpr float kSafety = 1.25f;      // and how much larger it may be, after them and in another shape
+constexpr uint32_t kCoarsest = 40;    // Grids are made until one has at most this many nodes: few enough for a dense inverse.
+constexpr uint32_t kDense = 200;      // The coarsest grid has a dense inverse up to this many nodes, when no coarser grid could be made.
+constexpr double kWorthAGrid = 0.4;   // A grid with more than this part of the finer grid's nodes is left out, and the next one tried.
+constexpr int kDegree = 2;            // Steps of the smoother; one step takes 53 iterations for 37 (docs/convergence.md, Time).
+constexpr int kCoarsestDegree = 16;   // Steps of the smoother where the coarsest grid is too large for an inverse.
+constexpr float kShift = 1e-5f;       // Part of the coarsest diagonal that is added to it: trilinear weights may be linearly dependent.
+constexpr size_t kRows = 128;         // A piece of rows is tens of microseconds of work.
+constexpr int32_t kWidest = 1 << 20;  // The widest spacing of a grid, within what a position can tell.
+constexpr int kPowerSteps = 20;       // Steps of the power method towards a largest eigenvalue.
+constexpr float kSafety = 1.25f;      // The eigenvalue may be so many times larger, after the power method and in another shape.
 
 // A body over rows: on a device itself, else the code for the processor's lanes.
 template <class Body>
@@ -217,7 +217,7 @@ void MultigridGrids::measure(Executor& host, const EnergySimd& lanes, const Hess
       return sum;
     };
     double before = squares(now), largest = 1;
-    for (int step = 0; step < kMeasure && before > 0; ++step) {
+    for (int step = 0; step < kPowerSteps && before > 0; ++step) {
       run_rows(host, level.size, Smooth{level.a, none, now, now, next, 0, 0, -1}, lanes.smooth);
       const double after = squares(next);
       largest = std::sqrt(after / before);

@@ -1,9 +1,9 @@
 // The metric of the equilibrium's L-BFGS: one symmetric multigrid cycle that applies, nearly, the inverse of a matrix with a block of three by three per edge
-// and per vertex of H (kernels/equilibrium/hessian_body.h, and what pushes there).
+// and per vertex of H (kernels/equilibrium/hessian_body.h, and the contacts).
 //
 // The grids are of kernels/multigrid/grids.h, the coarse matrices Galerkin's, P^T A P. The smoother is a polynomial in D^-1 A, Chebyshev's of the fourth
 // kind (Lottes 2022), with D the diagonal's blocks. Memory and time are proportional to the vertices. Grids belong to the rest shape; everything else is
-// made where the executor runs, for one shape and what pushes there.
+// made where the executor runs, for one shape and its contacts.
 #pragma once
 #include <array>
 #include <functional>
@@ -68,7 +68,7 @@ class MultigridGrids {
   DeviceTables device_tables_;
 };
 
-// A matrix without what pushes: on the finest grid, blocks as `pattern` has the entries, and on the next.
+// A matrix without contacts: on the finest grid, blocks as `pattern` has the entries, and on the next.
 struct Hessian {
   Buffer<float> entries, diagonal, coarse_entries, coarse_diagonal;
 };

@@ -26,7 +26,7 @@ Evaluator evaluator_of(const GraphSpec& graph) {
 
 void expect_good(Evaluator& evaluator, const std::string& node, int frame, int iterations, double volume) {
   const Report report = evaluator.get<Report>(node + ".report", frame);
-  EXPECT_EQ(report.word("ended"), "rest") << frame;
+  EXPECT_EQ(report.word("ended"), "at rest") << frame;
   EXPECT_LE(report.number("iterations"), iterations) << frame;
   EXPECT_LE(report.number("gradient"), 3e-4) << frame;
   EXPECT_LT(std::fabs(report.number("volume_error")), volume) << frame;
@@ -91,7 +91,7 @@ nodes:
   EXPECT_LT(rms(coarse, evaluator.get<Surface>("rest5.surface", 1)), 0.02 * dent);
   EXPECT_LE(evaluator.get<Report>("rest5.report", 1).number("iterations"), 40) << "from rest too: its first steps crumple nothing";
   for (const std::string d : {"4", "5"}) {
-    EXPECT_EQ(evaluator.get<Report>("rest" + d + ".report", 1).word("ended"), "rest") << d;
+    EXPECT_EQ(evaluator.get<Report>("rest" + d + ".report", 1).word("ended"), "at rest") << d;
     EXPECT_LT(rms(evaluator.get<Surface>("rest" + d + ".surface", 1), evaluator.get<Surface>("started" + d + ".surface", 1)), 1e-3 * dent) << d;
     const Report count = evaluator.get<Report>("count" + d + ".report", 1);
     EXPECT_EQ(count.word("started"), "state") << d;

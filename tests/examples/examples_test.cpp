@@ -99,7 +99,7 @@ TEST(ExampleCascade, ComesToRestFromACoarseStart) {
     ASSERT_FALSE(result.error) << result.error->what();
     const Report& report = report_of(result, "figures.report");
     EXPECT_EQ(report.word("started"), "state") << result.frame;
-    EXPECT_EQ(report.word("ended"), "rest") << result.frame;
+    EXPECT_EQ(report.word("ended"), "at rest") << result.frame;
     EXPECT_LE(report.number("iterations"), 40) << result.frame;
     EXPECT_LT(std::fabs(report.number("volume_error")), 1e-3) << result.frame;
     EXPECT_EQ(report.number("inverted_tets"), 0) << result.frame;

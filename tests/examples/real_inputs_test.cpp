@@ -149,7 +149,7 @@ TEST_F(RealInputs, ComeToRestWithTheirVolume) {
     EXPECT_GT(figures.dent, 0.01);
     EXPECT_GT(figures.bulge, 0.001);
     EXPECT_EQ(figures.report.number("inverted_tets"), 0);
-    EXPECT_EQ(figures.report.word("ended"), "rest");
+    EXPECT_EQ(figures.report.word("ended"), "at rest");
   }
 }
 

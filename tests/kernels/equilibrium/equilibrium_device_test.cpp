@@ -79,7 +79,7 @@ class EquilibriumOnDevice : public testing::TestWithParam<const char*> {
     const auto cpu = make_cpu_executor(2);
     EquilibriumFigures here, far;
     const std::vector<Vec3f> expected = scene.on(*cpu, here), result = scene.on(*device_, far);
-    EXPECT_EQ(here.ended, "rest") << what;
+    EXPECT_EQ(here.ended, Ended::kAtRest) << what;
     EXPECT_EQ(far.ended, here.ended) << what;
     EXPECT_EQ(far.undecided, here.undecided) << what;
     EXPECT_EQ(far.way_in, here.way_in) << what;
@@ -139,7 +139,7 @@ TEST_P(EquilibriumOnDevice, EndsAtTheHostsShapeWithSamplesFrictionPinsAndPaint) 
 TEST_P(EquilibriumOnDevice, ComesInTheHostsWay) {
   compare(Scene({above(1.0)}), "half sunk");
   Scene deep({ball(0.3, {0, 0.85, 0})});
-  deep.settings.gradient = 1e-4;  // on a long way roundings grow to what the rule of rest leaves
+  deep.settings.threshold = 1e-4;  // on a long way roundings grow to what the rule of rest leaves
   deep.settings.penetration = 1e-6;
   compare(deep, "deep");
   Scene swept({above(0.9)});
@@ -150,7 +150,7 @@ TEST_P(EquilibriumOnDevice, ComesInTheHostsWay) {
 
 TEST_P(EquilibriumOnDevice, CrushesAsTheHostDoes) {
   Scene scene({ball(1.2, {0, 1.6, 0}), ball(1.2, {0, -1.6, 0})});
-  scene.settings.gradient = 1e-4;
+  scene.settings.threshold = 1e-4;
   compare(scene, "crush");
   // The metric follows the shape at iteration 16: there, not by way of the host.
   EquilibriumFigures figures;
@@ -166,7 +166,7 @@ TEST_P(EquilibriumOnDevice, CrushesAsTheHostDoes) {
 
 TEST_P(EquilibriumOnDevice, ReadsBackOneSmallStructAnEvaluation) {
   Scene scene({above()}, make_sphere(1, 3), 4);
-  scene.settings.gradient = scene.settings.displacement = 0;  // never at rest
+  scene.settings.threshold = scene.settings.displacement = 0;  // never at rest
   DeviceFigures figures[2];
   EquilibriumFigures of[2];
   for (const int many : {0, 1}) {
@@ -191,7 +191,7 @@ TEST_P(EquilibriumOnDevice, GivesTheSameBitsAgainAndRestWhereNothingTouches) {
   const std::vector<Vec3f> first = scene.on(*device_, figures), again = scene.on(*device_, figures);
   EXPECT_EQ(std::memcmp(first.data(), again.data(), first.size() * sizeof(Vec3f)), 0);
   const std::vector<Vec3f> rest = Scene({above(3)}).on(*device_, figures);
-  EXPECT_EQ(figures.ended, "no contact");
+  EXPECT_EQ(figures.ended, Ended::kNoContact);
   EXPECT_EQ(std::memcmp(rest.data(), scene.built.tets.rest.host().data(), rest.size() * sizeof(Vec3f)), 0);
 }
 

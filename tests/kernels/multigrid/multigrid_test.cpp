@@ -362,7 +362,7 @@ struct Pressed {
     of_rest = figures_of(*rest);
     EquilibriumSettings settings;
     settings.max_iterations = 300;
-    settings.gradient = 1e-4;
+    settings.threshold = 1e-4;
     settings.penetration = 1e-5;
     const std::vector<const Sdf*> colliders{&ball};
     return map_to_surface(*executor, solve_equilibrium(*executor, *rest, built.lattice.rest.placement, colliders, settings, figures), built.lattice);
@@ -376,7 +376,7 @@ TEST(Multigrid, LetsTheEquilibriumConvergeWhateverPoissonsRatio) {
   for (const double poisson : {0.0, 0.3, 0.45, 0.49}) {
     EquilibriumFigures figures;
     pressed.by(poisson, figures);
-    EXPECT_EQ(figures.ended, "rest") << poisson;
+    EXPECT_EQ(figures.ended, Ended::kAtRest) << poisson;
     EXPECT_LT(figures.iterations, 60) << poisson;
   }
 }
