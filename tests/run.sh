@@ -48,8 +48,7 @@ check() {
 knead_packages
 if [ $# -eq 0 ]; then
   check "the format" text_format
-  knead_say "Lengths, for information"
-  text_lengths || true
+  check "lengths" text_lengths
   check "that folders say what they hold" text_readmes
   knead_configure release
   check "names in what has changed lately" text_names "$knead_root/build/release"
