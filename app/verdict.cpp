@@ -21,7 +21,7 @@ bool has_report(const Node& node) {
 }
 
 bool at_rest(const std::string& ended) {
-  static const std::set<std::string> good{"rest", "at rest", "no contact", "rounding"};
+  static const std::set<std::string> good{"at rest", "no contact", "rounding"};
   return good.count(ended) > 0;
 }
 

@@ -2,7 +2,7 @@
 // node's stay where they are whatever else the graph holds; `stats_schema` says what a line may hold.
 //
 //   {"version": 1, "frame": 12, "ok": true, "graph": "press.yaml", "seconds": 0.043,
-//    "nodes": {"press.press": {"type": "equilibrium", "seconds": 0.04, "cached": false, "report": {"iterations": 118, "ended": "rest", ...},
+//    "nodes": {"press.press": {"type": "equilibrium", "seconds": 0.04, "cached": false, "report": {"iterations": 118, "ended": "at rest", ...},
 //              "warnings": ["..."]}, ...},
 //    "files": [{"path": "out/head.0012.obj", "bytes": 180211, "hash": "..."}], "key": "..."}
 #pragma once
