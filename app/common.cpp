@@ -122,7 +122,7 @@ std::vector<std::string> wanted_outputs(const Plan& plan, bool some_alone) {
         used[static_cast<size_t>(source.node)] = true;
         looks_at_reached &= reached[static_cast<size_t>(source.node)] != 0;
       }
-    if (some_alone && !reached[i] && !looks_at_reached) continue;
+    if (some_alone && !reached[i] && !(looks_at_reached && node.type->name == "measure")) continue;
     for (const OutputDeclaration& output : node.node->outputs())
       if (is_report(output)) wanted.push_back(node.name + "." + output.name);
   }

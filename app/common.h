@@ -31,7 +31,7 @@ std::unique_ptr<Executor> make_executor(const DeviceArguments& arguments);
 std::vector<std::string> unused_nodes(const Plan& plan);
 
 // What every frame is asked for beside its files: the reports of all nodes, and where nothing is written the ends of the graph, so that it runs at
-// all. Where some writers run alone, the reports of what these stand on, and of what only looks at that.
+// all. Where some writers run alone, the reports of what these stand on, and of what measures that.
 std::vector<std::string> wanted_outputs(const Plan& plan, bool some_alone);
 
 // The sources behind `outputs` and the plan's writers.

@@ -35,7 +35,7 @@ class WriteTets : public Node {
   bool has_effect() const override { return true; }
 
   void evaluate(Context& context) const override {
-    const std::string file = has_frame_pattern(path()) ? frame_path(path(), context.frame()) : path();
+    const std::string file = path_in_frame(path(), context);
     context.check_cancelled();
     const TetMesh& h = context.get(tets);
     const Lattice* bound = context.get(lattice);

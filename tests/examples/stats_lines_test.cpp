@@ -44,7 +44,8 @@ TEST_F(ExampleLines, SdfPipelineIsAsTheSchemaSays) {
 TEST_F(ExampleLines, TheTestSeesWhatIsWrong) {
   const auto schema = nlohmann::json::parse(knead({"nodes", "--stats-schema"}).out);
   const auto good = nlohmann::json::parse(
-      R"({"version": 1, "frame": 1, "ok": true, "seconds": 0, "nodes": {"a": {"type": "t", "seconds": 0, "cached": true, "report": {"x": null}}}, "files": []})");
+      R"({"version": 1, "frame": 1, "ok": true, "seconds": 0, "files": [],
+          "nodes": {"a": {"type": "t", "seconds": 0, "cached": true, "report": {"x": null}}}})");
   EXPECT_EQ(json_schema::errors_of(schema, good), "");
   for (const auto& [place, value] : std::vector<std::pair<std::string, nlohmann::json>>{{"/version", 2},
                                                                                         {"/frame", 1.5},

@@ -234,7 +234,7 @@ TEST_F(Stats, LosesNothingOfWhatOthersWriteMeanwhile) {
 }
 
 TEST_F(Stats, LosesNothingWhenManyProcessesWriteAtOnce) {
-  constexpr int kProcesses = 8, kLines = 40;
+  constexpr int kProcesses = 6, kLines = 20;
   std::vector<pid_t> children;
   for (int p = 0; p < kProcesses; ++p) {
     const pid_t child = ::fork();
