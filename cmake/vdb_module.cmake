@@ -4,7 +4,8 @@ list(FILTER vdb_sources EXCLUDE REGEX "/vdb_module\\.cpp$")
 add_library(knead_vdb_objects OBJECT ${vdb_sources})
 target_include_directories(knead_vdb_objects PRIVATE ${CMAKE_CURRENT_SOURCE_DIR})
 target_link_libraries(knead_vdb_objects PRIVATE TBB::tbb OpenVDB::openvdb fmt::fmt)
-set_target_properties(knead_vdb_objects PROPERTIES ${KNEAD_VISIBILITY})
+# Nothing is hidden here: OpenVDB's templates share flags and names with libopenvdb, and half of them hidden is a crash in openvdb::initialize. The module is
+# loaded by its one door, for itself alone (RTLD_LOCAL).
 if(BUILD_SHARED_LIBS)
   add_library(knead_vdb MODULE $<TARGET_OBJECTS:knead_vdb_objects>)
   target_link_libraries(knead_vdb PRIVATE knead TBB::tbb OpenVDB::openvdb fmt::fmt)
