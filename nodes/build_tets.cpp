@@ -19,6 +19,7 @@ struct BuildResult {
   void each_buffer(auto&& f) {
     PortTraits<TetMesh>::each_buffer(build.tets, f);
     PortTraits<Lattice>::each_buffer(build.lattice, f);
+    f(build.inside);
   }
 };
 
@@ -26,7 +27,8 @@ const char* const kManual = R"(The helper tet mesh H that embeds the soft surfac
 
 An octree over M's box splits a cell while it holds more than `max_vertices` of M and is above `max_depth`; leaves that touch differ by one level at
 most. Leaves that M touches or that lie inside M are kept, and filled with tets from their centres to their faces (Labelle and Shewchuk 2007, not
-cut to the surface). H therefore sticks out of M: the report gives the volumes of both. H is valid for any triangle soup: conforming, every tet
+cut to the surface). H therefore sticks out of M: the report gives the volumes of both, and `inside` what part of each tet is flesh: exact for a closed M
+that does not run through itself; of an open one it may be off next to a hole. H is valid for any triangle soup: conforming, every tet
 positive. Inside is where the winding number is beyond one half either way, so that open, broken and inside-out surfaces work too; what was assumed
 is said in a warning.
 
@@ -72,6 +74,7 @@ class BuildTets : public Node {
   Out<TetMesh> tets{this, "tets", {.unit = "cells", .doc = "H at rest"}};
   Out<Lattice> lattice{this, "lattice", {.doc = "M's vertices in H, both ways"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H's rest positions, where the loop starts"}};
+  Out<Weights> inside{this, "inside", {.shape = "tets of H", .doc = "the part of each tet that lies inside M, for equilibrium"}};
   Out<Report> report{this, "report", {.doc = "vertices, tets, edges, depth, volumes of H and M (world), pieces split, build time"}};
 
   void configure() override {
@@ -98,6 +101,7 @@ class BuildTets : public Node {
     context.set(tets, built.build.tets);
     context.set(lattice, std::move(placed));
     context.set(points, Points{built.build.tets.rest});
+    context.set(inside, Weights{built.build.inside});
     context.set(report, figures(built, body.placement.scale));
   }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "graph/error.h"
+#include "kernels/build_tets/inside_fraction.h"
 #include "kernels/build_tets/lattice.h"
 #include "kernels/build_tets/tables.h"
 
@@ -42,6 +43,7 @@ BuiltTets build_tets(const Surface& surface, const BuildTetsOptions& options, Ex
   build.pieces_split = copies.count() - cells.count();
   build.surface_volume = std::abs(body.volume) * std::pow(body.to_local.scale, 3);
   build.tets = make_tet_mesh(raw, origin, executor);
+  build.inside = Buffer<float>(inside_fractions(octree, cells, copies, raw, body, winding, executor));
   Similarity to_root;
   to_root.scale = 1 / side;
   for (int k = 0; k < 3; ++k) to_root.translation[k] = (origin[static_cast<size_t>(k)] / kPlaceUnit) / side;

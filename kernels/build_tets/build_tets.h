@@ -33,6 +33,7 @@ struct BuiltTets {
   std::vector<TetCell> cells;            // copies of one cell one after another
   std::vector<uint32_t> cell_of_vertex;  // of M: into `cells`
   int depth = 0;                         // of the finest leaf
+  Buffer<float> inside;                  // the part of each tet that lies inside M, 0 to 1 (inside_fraction.h)
   size_t pieces_split = 0;               // copies beyond one a cell
   double tet_volume = 0;                 // of H, local units^3
   double surface_volume = 0;             // enclosed by M, local units^3; of an open surface, an estimate
