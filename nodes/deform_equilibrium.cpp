@@ -48,6 +48,7 @@ const DeformGraph kGraph{
     sdf: inputs.sdf
     tets: tets
     lattice: tets.lattice
+    inside: tets.inside
     pins: inputs.pins
     stiffness_weights: inputs.stiffness_weights
     hold_weights: inputs.hold_weights

@@ -42,6 +42,11 @@ struct ElasticTets {
   Row4* forces;             // [4][stride] gradient by corner
   size_t stride;
   ElasticTerm term;
+  const float* guard = nullptr;  // [stride] kappa V0 of the guard; null: none
+
+  // On top of the first two, where H has little of M's material: kappa/2 min(0, J - kGuarded)^2. What is next to nothing resists before it is squeezed flat,
+  // as a "third medium" does in contact mechanics.
+  static constexpr float kGuarded = 0.3f;
 
   template <class F>
   struct Result {
@@ -49,8 +54,15 @@ struct ElasticTets {
     F volume;  // J = V / V0
   };
 
+  // By J - 1.
   template <class F>
-  static KNEAD_HD Result<F> neo_hookean(const Mat3<F>& g, const F& mu, const F& lambda, Mat3<F>& p) {
+  static KNEAD_HD F flatness(const F& grown) {
+    const F flat = grown + (1 - kGuarded), zero{};
+    return flat < zero ? flat : zero;
+  }
+
+  template <class F>
+  static KNEAD_HD Result<F> neo_hookean(const Mat3<F>& g, const F& mu, const F& lambda, const F& kappa, Mat3<F>& p) {
     const Mat3<F> m = cofactors(g);
     const F trace = g.x.x + g.y.y + g.z.z;
     const F higher = m.x.x + m.y.y + m.z.z + dot(g.x, m.x);  // J - 1 - trace
@@ -59,7 +71,7 @@ struct ElasticTets {
     const Mat3<F> c{{trace - g.x.x + m.x.x, m.x.y - g.y.x, m.x.z - g.z.x},
                     {m.y.x - g.x.y, trace - g.y.y + m.y.y, m.y.z - g.z.y},
                     {m.z.x - g.x.z, m.z.y - g.y.z, trace - g.z.z + m.z.z}};
-    const F pressure = lambda * grown, both = pressure - mu;
+    const F bulk = lambda * grown, over = flatness(grown), guard = kappa * over, pressure = bulk + guard, both = pressure - mu;
     p.x = g.x * mu + c.x * both;
     p.y = g.y * mu + c.y * both;
     p.z = g.z * mu + c.z * both;
@@ -67,7 +79,7 @@ struct ElasticTets {
     p.y.y = p.y.y + pressure;
     p.z.z = p.z.z + pressure;
     const F squares = dot(g.x, g.x) + dot(g.y, g.y) + dot(g.z, g.z);
-    return {mu * (0.5f * squares - higher) + 0.5f * pressure * grown, 1.0f + grown};
+    return {mu * (0.5f * squares - higher) + 0.5f * bulk * grown + 0.5f * guard * over, 1.0f + grown};
   }
 
   // Newton's iteration for the polar factor (Higham 1986): R <- (R + R^-T) / 2.
@@ -88,7 +100,7 @@ struct ElasticTets {
   }
 
   template <class F>
-  static KNEAD_HD Result<F> corotated(const Mat3<F>& g, const F& mu, const F& lambda, Mat3<F>& p) {
+  static KNEAD_HD Result<F> corotated(const Mat3<F>& g, const F& mu, const F& lambda, const F& kappa, Mat3<F>& p) {
     Mat3<F> f = g;
     f.x.x = f.x.x + 1.0f;
     f.y.y = f.y.y + 1.0f;
@@ -96,11 +108,11 @@ struct ElasticTets {
     const Mat3<F> r = rotation(f), cg = cofactors(g), cf = cofactors(f);
     const F grown = g.x.x + g.y.y + g.z.z + cg.x.x + cg.y.y + cg.z.z + dot(g.x, cg.x);
     const Vec3<F> ex = f.x - r.x, ey = f.y - r.y, ez = f.z - r.z;
-    const F pressure = lambda * grown, twice = mu + mu;
+    const F bulk = lambda * grown, over = flatness(grown), guard = kappa * over, pressure = bulk + guard, twice = mu + mu;
     p.x = ex * twice + cf.x * pressure;
     p.y = ey * twice + cf.y * pressure;
     p.z = ez * twice + cf.z * pressure;
-    return {mu * (dot(ex, ex) + dot(ey, ey) + dot(ez, ez)) + 0.5f * pressure * grown, 1.0f + grown};
+    return {mu * (dot(ex, ex) + dot(ey, ey) + dot(ez, ez)) + 0.5f * bulk * grown + 0.5f * guard * over, 1.0f + grown};
   }
 
   // One spring from its rest vector and its stretch: adds the gradient at its far end, returns the energy.
@@ -160,7 +172,8 @@ struct ElasticTets {
       g.x = n.a * s.a.x + n.b * s.b.x + n.c * s.c.x;
       g.y = n.a * s.a.y + n.b * s.b.y + n.c * s.c.y;
       g.z = n.a * s.a.z + n.b * s.b.z + n.c * s.c.z;
-      result = term == ElasticTerm::kCorotated ? corotated(g, m, l, p) : neo_hookean(g, m, l, p);
+      const F kappa = guard ? L::load(guard + t) : F{};
+      result = term == ElasticTerm::kCorotated ? corotated(g, m, l, kappa, p) : neo_hookean(g, m, l, kappa, p);
       f.a = {dot(p.x, n.a), dot(p.y, n.a), dot(p.z, n.a)};
       f.b = {dot(p.x, n.b), dot(p.y, n.b), dot(p.z, n.b)};
       f.c = {dot(p.x, n.c), dot(p.y, n.c), dot(p.z, n.c)};

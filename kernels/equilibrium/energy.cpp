@@ -72,7 +72,7 @@ void EquilibriumEnergy::list_contacts(Rows& u, float travelled) {
 void EquilibriumEnergy::add_elastic(Rows& u) {
   ScopedTime time(figures_.elastic_seconds);
   const RestTables& t = rest_.on;
-  const ElasticTets body{u.data(), t.corners, t.shape, t.mu, t.lambda, forces_.data(), rest_.stride, rest_.term};
+  const ElasticTets body{u.data(), t.corners, t.shape, t.mu, t.lambda, forces_.data(), rest_.stride, rest_.term, t.guard};
   if (!on_host()) return reduce(executor_, rest_.stride, ElasticEnergy{body, &sums().elastic});
   const size_t grain = std::max(kTetsPerPiece, (rest_.stride / kMostPieces + 15) / 16 * 16);
   parts_.resize(rest_.stride / grain + 1);
@@ -88,8 +88,9 @@ void EquilibriumEnergy::gather(Rows& u, Rows& gradient) {
   ScopedTime time(figures_.elastic_seconds);
   const RestTables& t = rest_.on;
   reduce(executor_, rest_.vertices,
-         GatherForces{forces_.data(), t.incident_offsets, t.incident_corners, u.data(), t.hold, t.free, contacts_.forces_on_h(), contacts_.forces(),
-                      t.transpose_offsets, t.transpose_samples, t.transpose_weights, gradient.data(), &sums().forces});
+         GatherForces{forces_.data(), t.incident_offsets, t.incident_corners, u.data(), t.hold, t.free, t.ghost_offsets, t.ghosts, t.ghost_values,
+                      contacts_.forces_on_h(), contacts_.forces(), t.transpose_offsets, t.transpose_samples, t.transpose_weights, gradient.data(),
+                      &sums().forces});
 }
 
 void EquilibriumEnergy::look() {

@@ -22,9 +22,11 @@ struct EquilibriumMaterial {
   const Buffer<float>* volume_weights = nullptr;
   const Buffer<float>* hold_weights = nullptr;
   const Buffer<float>* pins = nullptr;
-  bool keep_volume = true;    // M as a whole keeps the volume that it encloses
-  int contact_samples = 0;    // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
-  double memory_limit = 8e9;  // bytes for the metric
+  const Buffer<float>* inside = nullptr;  // by tet, the part that lies inside M (kernels/build_tets/inside_fraction.h); null: H is flesh throughout
+  double outside_stiffness = 0.03;        // of what H has outside M, above 0
+  bool keep_volume = true;                // M as a whole keeps the volume that it encloses
+  int contact_samples = 0;                // subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only
+  double memory_limit = 8e9;              // bytes for the metric
   std::function<void()> check_cancelled;
   void check() const {
     if (check_cancelled) check_cancelled();

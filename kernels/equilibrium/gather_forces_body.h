@@ -13,6 +13,8 @@ struct GatherForces {
   const uint32_t *incident_offsets, *incident_corners;  // by vertex: the rows of `forces` that act on it
   const Row4* u;
   const float *hold, *free;
+  const uint32_t *ghost_offsets, *ghosts;  // by vertex: rows of ghost_penalty.h; may be null
+  const float* ghost_values;
   const Row4* contact_on_h;  // contact forces by vertex of H; may be null
   const Row4* contact;       // contact forces by sample, in addition; may be null
   const uint32_t *transpose_offsets, *transpose_samples;
@@ -21,7 +23,7 @@ struct GatherForces {
   struct Sum {
     double squares = 0;  // of the gradient
     double load = 0;     // squares of the contact forces
-    double energy = 0;   // of the hold
+    double energy = 0;   // of the hold and the ghost penalty
   };
   Sum* result;
 
@@ -30,6 +32,12 @@ struct GatherForces {
     for (uint32_t e = incident_offsets[p]; e < incident_offsets[p + 1]; ++e) sum = sum + row_at(forces, incident_corners[e]);
     const RowValue at = row_at(u, p);
     sum = sum + at * hold[p];
+    double ghost = 0;
+    for (uint32_t e = ghost_offsets ? ghost_offsets[p] : 0; ghost_offsets && e < ghost_offsets[p + 1]; ++e) {
+      const RowValue apart = row_at(u, ghosts[e]) - at;
+      sum = sum + apart * ghost_values[e];
+      ghost -= static_cast<double>(ghost_values[e]) * static_cast<double>(squared(apart));
+    }
     RowValue load{0, 0, 0, 0};
     if (contact_on_h) load = row_at(contact_on_h, p);
     if (contact)
@@ -38,7 +46,7 @@ struct GatherForces {
     sum = (sum + load) * free[p];
     load = load * free[p];
     put_row(gradient, p, sum);
-    return {squared(sum), squared(load), 0.5 * static_cast<double>(hold[p]) * static_cast<double>(squared(at))};
+    return {squared(sum), squared(load), 0.5 * static_cast<double>(hold[p]) * static_cast<double>(squared(at)) + 0.25 * ghost};
   }
   static KNEAD_HD Sum combine(const Sum& a, const Sum& b) { return {a.squares + b.squares, a.load + b.load, a.energy + b.energy}; }
   KNEAD_HD void finish(const Sum& sum) const { *result = sum; }

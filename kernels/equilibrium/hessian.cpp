@@ -6,7 +6,7 @@
 namespace knead {
 
 TetGradients EquilibriumRest::gradients_at(const Row4* u, float* to, uint8_t* changed, float tolerance) const {
-  return {u, on.corners, on.shape, on.mu, on.lambda, stride, to, changed, term, tolerance};
+  return {u, on.corners, on.shape, on.mu, on.lambda, on.guard, stride, to, changed, term, tolerance};
 }
 
 HessianRow EquilibriumRest::rows_of(const float* gradients, float* entries, float* diagonal, const uint8_t* changed_tets, uint8_t* changed) const {
@@ -17,6 +17,9 @@ HessianRow EquilibriumRest::rows_of(const float* gradients, float* entries, floa
           on.incident_entries,
           on.hold,
           on.free,
+          on.ghost_offsets,
+          on.ghost_values,
+          on.ghost_entries,
           grids->levels().front().a.offsets,
           entries,
           diagonal,

@@ -14,9 +14,9 @@ namespace knead {
 struct TetGradients {
   static constexpr const char* kKernel = "tet_gradients";
   static constexpr uint32_t kFloats = 24;
-  const Row4* u;            // displacements, cells; null: at rest
-  const uint32_t* corners;  // as ElasticTets has them
-  const float *shape, *mu, *lambda;
+  const Row4* u;                             // displacements, cells; null: at rest
+  const uint32_t* corners;                   // as ElasticTets has them
+  const float *shape, *mu, *lambda, *guard;  // the last one may be null
   size_t stride;
   float* to;         // [tets][kFloats]
   uint8_t* changed;  // [tets] which were written; null: all are
@@ -46,7 +46,8 @@ struct TetGradients {
       }
     }
     const Mat3<float> m = cofactors(f);
-    const float both = sqrtf(lambda[t] + (term == ElasticTerm::kStableNeoHookean ? 0 : mu[t])), shear = sqrtf(mu[t]);
+    const bool flat = guard && dot(f.x, m.x) < ElasticTets::kGuarded;
+    const float both = sqrtf(lambda[t] + (term == ElasticTerm::kStableNeoHookean ? 0 : mu[t]) + (flat ? guard[t] : 0)), shear = sqrtf(mu[t]);
     float* out = to + kFloats * static_cast<size_t>(t);
     float turned[12], largest = 0, difference = 0;
     for (uint32_t c = 0; c < 4; ++c) {
@@ -81,7 +82,10 @@ struct HessianRow {
   const uint32_t *incident_offsets, *incident_corners;  // by vertex: which of the tets' corners the vertex is
   const uint16_t* entries;                              // [incident_corners][4] where in the row the block with the tet's corner is
   const float *hold, *free;
-  const uint32_t* offsets;  // of the rows
+  const uint32_t* ghost_offsets;  // rows of ghost_penalty.h; null: none
+  const float* ghost_values;
+  const uint16_t* ghost_entries;  // [ghosts] where in the row each goes
+  const uint32_t* offsets;        // of the rows
   float *value, *diagonal;
   const uint8_t* changed_tets;  // null: all; rows without such a tet are left as they are
   uint8_t* changed;             // [rows] which were not; null with the other
@@ -110,6 +114,11 @@ struct HessianRow {
           for (uint32_t r = 0; r < 3; ++r) to[3 * k + r] += i[3 + r] * j[3 + k] + (r == k ? same : 0.0f);
       }
     }
+    for (uint32_t e = ghost_offsets ? ghost_offsets[p] : 0; ghost_offsets && e < ghost_offsets[p + 1]; ++e)
+      for (uint32_t k = 0; k < kBlock; k += 4) {
+        own[k] -= ghost_values[e];
+        if (ghost_entries[e] != kNone) row[kBlock * ghost_entries[e] + k] += ghost_values[e];
+      }
     for (uint32_t k = 0; k < kBlock; k += 4) own[k] *= 1 + kFloating;
   }
 };

@@ -10,6 +10,7 @@
 #include "graph/error.h"
 #include "kernels/check_size.h"
 #include "kernels/equilibrium/energy_simd.h"
+#include "kernels/equilibrium/ghost_penalty.h"
 #include "kernels/loop/hold.h"
 #include "kernels/neighbour_table.h"
 #include "kernels/parallel.h"
@@ -20,6 +21,8 @@ namespace {
 constexpr uint32_t kLanes = NeighbourTable::kLaneBlock;
 constexpr double kLeastVolume = 1e-5;     // A surface that encloses less than this part of its diagonal's cube has no volume to keep.
 constexpr float kLeastStiffness = 1e-3f;  // Painted stiffness is at least this: no stiffness at all is no shape at all.
+constexpr double kGuard = 4;              // The guard's kappa over the stiffness that a tet lacks.
+constexpr double kGhost = 1;              // The ghost penalty's factor.
 constexpr double kPinHold = 100;          // A half pinned vertex has this hold in addition.
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -38,7 +41,9 @@ struct Assembly {
   const EquilibriumMaterial& material;
   std::vector<float> stiffness, volume;  // per vertex of H, empty: all 1
   std::vector<double> mass;              // per vertex of H, cells^3
+  std::vector<float> material_part;      // per tet, the part of its stiffness and mass that it has; empty: all
 
+  double part(size_t t) const { return material_part.empty() ? 1 : static_cast<double>(material_part[t]); }
   std::array<Vec3d, 3> edges(const std::array<uint32_t, 4>& t) const {
     const auto x = tets.rest.host();
     const Vec3d a = to_double(x[t[0]]);
@@ -65,15 +70,20 @@ std::vector<float> painted(Executor& executor, const Buffer<float>* paint, const
   return {on_tets.host().begin(), on_tets.host().end()};
 }
 
-// H's edges between permuted vertices, lower first, rising.
-std::vector<std::array<uint32_t, 2>> make_edges(const TetMesh& tets, const std::vector<uint32_t>& permuted, std::span<const float> free) {
+// H's edges between permuted vertices, and what the ghost penalty ties, lower first, rising.
+std::vector<std::array<uint32_t, 2>> make_edges(const TetMesh& tets, const std::vector<uint32_t>& permuted, std::span<const float> free,
+                                                const SparseRows& ghosts) {
   std::vector<std::array<uint32_t, 2>> edges;
   edges.reserve(tets.edges.size());
   for (const auto& edge : tets.edges.host()) {
     const auto [p, q] = std::minmax(permuted[edge[0]], permuted[edge[1]]);
     if (free[p] != 0 && free[q] != 0) edges.push_back({p, q});
   }
+  for (uint32_t p = 0; p < ghosts.rows(); ++p)
+    for (uint32_t e = ghosts.offsets[p]; e < ghosts.offsets[p + 1]; ++e)
+      if (ghosts.index[e] > p && free[p] != 0 && free[ghosts.index[e]] != 0) edges.push_back({p, ghosts.index[e]});
   std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   return edges;
 }
 
@@ -134,6 +144,7 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& permuted, E
   std::fill_n(shape, 9 * rest.stride, 0.0f);
   std::fill_n(mu, rest.stride, 0.0f);
   std::fill_n(lambda, rest.stride, 0.0f);
+  rest.guard.assign(a.material_part.empty() ? 0 : rest.stride, 0);
   rest.incident_offsets.assign(permuted.size() + 1, 0);
   for (size_t k = 0; k < order.size(); ++k) {
     const uint32_t t = order[k].second;
@@ -145,10 +156,11 @@ void make_tet_tables(const Assembly& a, const std::vector<uint32_t>& permuted, E
     }
     for (size_t c = 0; c < 3; ++c)
       for (int d = 0; d < 3; ++d) shape[(3 * c + static_cast<size_t>(d)) * rest.stride + k] = static_cast<float>(s[c][d]);
-    const double m = a.mu(t), l = a.lame(t) + (rest.term == ElasticTerm::kStableNeoHookean ? m : 0);
+    const double part = a.part(t), m = part * a.mu(t), l = part * a.lame(t) + (rest.term == ElasticTerm::kStableNeoHookean ? m : 0);
     mu[k] = static_cast<float>(m * volumes[t]);
     rest.stiffness += m * volumes[t];
     lambda[k] = static_cast<float>(l * volumes[t]);
+    if (!a.material_part.empty()) rest.guard[k] = static_cast<float>(kGuard * (1 - part) * (a.mu(t) + a.lame(t)) * volumes[t]);
   }
   for (size_t p = 0; p < permuted.size(); ++p) rest.incident_offsets[p + 1] += rest.incident_offsets[p];
   rest.incident_corners.resize(4 * tets.size());
@@ -180,6 +192,33 @@ void find_incident_entries(EquilibriumRest& rest) {
         rest.incident_entries[4 * size_t{e} + c] = q == p ? HessianRow::kOwn : none ? HessianRow::kNone : static_cast<uint16_t>(at - begin);
       }
   }
+}
+
+void find_ghost_entries(EquilibriumRest& rest) {
+  const SparseRows &pattern = rest.grids->pattern(), &ghosts = rest.ghosts;
+  rest.ghost_entries.resize(ghosts.index.size());
+  for (uint32_t p = 0; p < ghosts.rows(); ++p) {
+    const auto begin = pattern.index.begin() + pattern.offsets[p], end = pattern.index.begin() + pattern.offsets[p + 1];
+    for (uint32_t e = ghosts.offsets[p]; e < ghosts.offsets[p + 1]; ++e) {
+      const uint32_t q = ghosts.index[e];
+      const bool none = rest.free[p] == 0 || rest.free[q] == 0;
+      rest.ghost_entries[e] = none ? HessianRow::kNone : static_cast<uint16_t>(std::lower_bound(begin, end, q) - begin);
+    }
+  }
+}
+
+void make_ghosts(const Assembly& a, const std::vector<uint32_t>& permuted, EquilibriumRest& rest) {
+  if (a.material_part.empty()) return;
+  const auto tets = a.tets.tets.host();
+  std::vector<std::array<uint32_t, 4>> corners(tets.size());
+  std::vector<float> stiffness(tets.size());
+  std::vector<Vec3d> at(permuted.size());
+  for (size_t v = 0; v < permuted.size(); ++v) at[permuted[v]] = to_double(a.tets.rest.host()[v]);
+  for (size_t t = 0; t < tets.size(); ++t) {
+    for (size_t c = 0; c < 4; ++c) corners[t][c] = permuted[tets[t][c]];
+    stiffness[t] = static_cast<float>(a.mu(t));
+  }
+  rest.ghosts = ghost_penalty(corners, at, a.material_part, stiffness, kGhost);
 }
 
 std::vector<GridPosition> grid_positions(const TetMesh& tets) {
@@ -214,10 +253,15 @@ Assembly make_assembly(Executor& host, const TetMesh& tets, const Lattice& latti
              material,
              painted(host, material.stiffness_weights, lattice, "stiffness weights", false),
              painted(host, material.volume_weights, lattice, "volume weights", false),
-             std::vector<double>(tets.vertices(), 0)};
+             std::vector<double>(tets.vertices(), 0),
+             {}};
+  if (material.inside && material.outside_stiffness < 1) {
+    require_size(material.inside->size(), tets.tets.size(), "equilibrium", "parts inside", "tets");
+    for (const float part : material.inside->host()) a.material_part.push_back(std::max(part, static_cast<float>(material.outside_stiffness)));
+  }
   for (float& w : a.stiffness) w = std::max(w, kLeastStiffness);
   for (size_t t = 0; t < tets.tets.size(); ++t)
-    for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * tets.rest_volumes.host()[t];
+    for (const uint32_t v : tets.tets.host()[t]) a.mass[v] += 0.25 * a.part(t) * tets.rest_volumes.host()[t];
   return a;
 }
 
@@ -264,6 +308,7 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   std::vector<uint32_t> permuted(rest.vertices);
   for (uint32_t p = 0; p < rest.vertices; ++p) permuted[rest.vertex_at[p]] = p;
   make_tet_tables(assembly, permuted, rest);
+  make_ghosts(assembly, permuted, rest);
   material.check();
   rest.samples = make_samples(lattice, permuted, material.contact_samples, !on_host);
   material.check();
@@ -273,8 +318,10 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   const auto before_metric = std::chrono::steady_clock::now();
   rest.figures.tets = rest.tets;
   rest.figures.samples = rest.samples.size();
-  rest.grids = std::make_unique<MultigridGrids>(host, positions, make_edges(tets, permuted, rest.free), rest.free, material.check_cancelled);
+  rest.grids =
+      std::make_unique<MultigridGrids>(host, positions, make_edges(tets, permuted, rest.free, rest.ghosts), rest.free, material.check_cancelled);
   find_incident_entries(rest);
+  find_ghost_entries(rest);
   rest.make_device_tables(host);
   rest.make_rest_hessian(host);
   rest.grids->measure(host, energy_simd(host), rest.hessian);
@@ -307,6 +354,11 @@ void EquilibriumRest::make_device_tables(Executor& executor) {
   on.shape = put(shape.host());
   on.mu = put(mu.host());
   on.lambda = put(lambda.host());
+  on.guard = guard.empty() ? nullptr : put(guard);
+  on.ghost_offsets = guard.empty() ? nullptr : put(ghosts.offsets);
+  on.ghosts = put(ghosts.index);
+  on.ghost_values = put(ghosts.value);
+  on.ghost_entries = put(ghost_entries);
   on.hold = put(hold);
   on.free = put(free);
   on.weights = put(samples.weights);

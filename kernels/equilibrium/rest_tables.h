@@ -29,9 +29,9 @@ struct SampleTable {
 // The tables that kernels read, in the memory of the executor that they run on; the names are those of EquilibriumRest and SampleTable.
 struct RestTables {
   const uint32_t *corners, *incident_offsets, *incident_corners, *offsets, *indices, *transpose_offsets, *transpose_samples, *link_offsets,
-      *link_edges, *vertex_at;
-  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *transpose_weights;
-  const uint16_t* incident_entries;
+      *link_edges, *vertex_at, *ghost_offsets, *ghosts;
+  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *transpose_weights, *guard, *ghost_values;
+  const uint16_t *incident_entries, *ghost_entries;
   const Vec3f *rest, *sample_rest;
 };
 
@@ -54,6 +54,9 @@ class EquilibriumRest {
   size_t tets = 0, stride = 0;      // stride: tets, padded to lanes
   Buffer<uint32_t> corners;         // [4][stride]
   Buffer<float> shape, mu, lambda;
+  std::vector<float> guard;                                  // as ElasticTets has it; this and the next two are empty where H is flesh throughout
+  SparseRows ghosts;                                         // of ghost_penalty.h, by permuted vertex
+  std::vector<uint16_t> ghost_entries;                       // [ghosts] as HessianRow has them
   std::vector<uint32_t> incident_offsets, incident_corners;  // by permuted vertex: the corners of tets that it is, as rows of the tets' forces
   std::vector<uint16_t> incident_entries;                    // [incident corners][4] as HessianRow has them
   std::vector<float> hold;                                   // by permuted vertex, cells^-2 times cells^3

@@ -16,7 +16,7 @@ namespace elastic_test {
 struct Tets {
   std::vector<Row4> u, forces;
   std::vector<uint32_t> corners;
-  std::vector<float> shape, mu, lambda;
+  std::vector<float> shape, mu, lambda, guard;
   size_t stride;
   ElasticTerm term;
 
@@ -45,7 +45,9 @@ struct Tets {
       lambda[t] = 10 + 5 * part(random);
     }
   }
-  ElasticTets body() { return {u.data(), corners.data(), shape.data(), mu.data(), lambda.data(), forces.data(), stride, term}; }
+  ElasticTets body() {
+    return {u.data(), corners.data(), shape.data(), mu.data(), lambda.data(), forces.data(), stride, term, guard.empty() ? nullptr : guard.data()};
+  }
 };
 
 class Elastic : public testing::TestWithParam<ElasticTerm> {};
@@ -75,6 +77,23 @@ TEST_P(Elastic, HasTheGradientOfItsEnergy) {
         }
       }
     }
+  }
+}
+
+// With a guard only where a tet is nearly flat.
+TEST_P(Elastic, HasTheGradientOfItsGuardWhereATetIsNearlyFlat) {
+  if (GetParam() == ElasticTerm::kEdges) GTEST_SKIP() << "springs have no guard";
+  Tets tets(1, GetParam(), 0, 5);
+  for (size_t c = 0; c < 3; ++c)
+    for (size_t d = 0; d < 3; ++d) tets.shape[(3 * c + d) * tets.stride] = c == d ? 1.0f : 0.0f;
+  for (const float squash : {0.5f, 0.8f, 1.1f}) {  // J = 1 - squash
+    tets.u[3] = {0, 0, -squash, 0};
+    tets.guard.clear();
+    const float without = tets.body()(0).energy, force = tets.forces[3 * tets.stride].z;
+    tets.guard.assign(tets.stride, 20);
+    const float over = std::min(0.0f, 1 - squash - ElasticTets::kGuarded);
+    EXPECT_NEAR(tets.body()(0).energy - without, 10 * over * over, 1e-4);
+    EXPECT_NEAR(tets.forces[3 * tets.stride].z - force, 20 * over, 1e-4);
   }
 }
 
