@@ -52,9 +52,9 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
 
 H sticks out of M, and what sticks out is no flesh: connect `inside: tets.inside`, and each tet has stiffness, volume term and hold by its part inside M, at
 least `outside_stiffness` of it. Corners with little flesh follow the continuation of what their neighbours do (a ghost penalty, as finite elements on cut
-cells have it), and next to empty tets resist before they are squeezed flat. A torus squeezed between plates to 60 % of its height is then 4 to 6 % of a plate's
-way off CalculiX instead of 14 to 25 % (docs/convergence.md). A shape with `keep_volume` is that of Poisson's ratio 0.499 there, whatever `poisson_ratio` says;
-without, it is that of `poisson_ratio`.
+cells have it), and next to empty tets resist before they are squeezed flat. A torus of 64 x 32 quads squeezed between plates is then 4 to 5 %
+of a plate's way off CalculiX instead of 19 %; with two cells across the tube 15 instead of 25 % (docs/convergence.md). With `keep_volume` its shape is that of
+Poisson's ratio 0.499, whatever `poisson_ratio` says; without, that of `poisson_ratio`.
 
 Which side of a collider the flesh is on is told from M at rest: by the normals of what is inside the collider, or, when it is in deeper than its middle, by a
 way in along which it then comes in over the first iterations (`way_in_iterations`). `entry` says it for certain: with it a ball can be swept into a body until
