@@ -29,7 +29,7 @@ class MshReader {
       } else if (section == "$Elements" && version_ > 0) {
         version_ >= 4 ? read_elements_4() : read_elements_2();
         has_elements_ = true;
-      } else if (section.starts_with("$")) {
+      } else if (section.starts_with("$") && !section.starts_with("$End")) {
         skip_section(section);
       }
     }

@@ -36,9 +36,16 @@ bool ends_with(const std::string& path, const std::string& extension) {
 // The transform as a similarity of index space; index_origin and voxel_size take the scale.
 Similarity placement_of(const FloatGrid& grid, const openvdb::Vec3d& shift, const std::string& path) {
   if (!grid.transform().isLinear()) fail(path, "grid '" + grid.getName() + "' has a frustum transform", "resample it with a uniform voxel size");
-  const openvdb::math::Mat4d m = grid.transform().baseMap()->getAffineMap()->getMat4();  // row vectors: row k is where axis k goes
+  // Where the axes go, seen from the grid's own place: the affine matrix of a map is less exact, the larger its translation.
+  const openvdb::math::MapBase& map = *grid.transform().baseMap();
+  const openvdb::Vec3d origin = map.applyMap(shift);
   Vec3d axis[3];
-  for (int k = 0; k < 3; ++k) axis[k] = {m(k, 0), m(k, 1), m(k, 2)};
+  for (int k = 0; k < 3; ++k) {
+    openvdb::Vec3d one(0.0);
+    one[k] = 1;
+    const openvdb::Vec3d along = map.applyJacobian(one);
+    axis[k] = {along.x(), along.y(), along.z()};
+  }
   const double scale = std::cbrt(std::abs(dot(axis[0], cross(axis[1], axis[2]))));
   double off = 0;
   for (int a = 0; a < 3; ++a)
@@ -54,7 +61,6 @@ Similarity placement_of(const FloatGrid& grid, const openvdb::Vec3d& shift, cons
   placement.scale = scale;
   for (int row = 0; row < 3; ++row)
     for (int k = 0; k < 3; ++k) placement.rotation[3 * row + k] = axis[k][row] / scale;
-  const openvdb::Vec3d origin = grid.transform().baseMap()->applyMap(shift);  // the matrix's own axes are less exact, the larger its translation
   placement.translation = {origin.x(), origin.y(), origin.z()};
   return placement;
 }

@@ -14,7 +14,8 @@ namespace knead {
 namespace {
 
 constexpr int kOverlapLevels = 4;        // how often a triangle that is partly inside the solid is quartered
-constexpr double kOverlapOffset = 1e-3;  // of a triangle's size: how far below and above its face a triangle is tested
+constexpr double kOverlapOffset = 1e-3;  // of a triangle's size: how far below and above its face a triangle is tested, at most
+constexpr float kCoincident = 2e-6f;     // of the diagonal: sheets that are no further apart are one, as far as rays in float can tell
 constexpr double kSliver = 1e-6;         // of the diagonal: a triangle less high than this has no normal worth the name; its neighbours cover it
 
 RTCDevice embree_device() {
@@ -124,17 +125,24 @@ void MeshDistance::Impl::find_normals(const std::vector<uint32_t>& welded, Execu
   }
 }
 
+// How far from a place on the surface the solid is tested along a unit direction: a part of the triangle's size, but never past the middle of the way to the
+// next sheet, however large the triangles of a thin wall are.
+double MeshDistance::Impl::test_offset(const Vec3d& at, const Vec3d& direction, double size) const {
+  const std::optional<Hit> next = hit_after(kCoincident, (at - centre) * (1 / diagonal), direction);
+  return next ? std::min(kOverlapOffset * size, 0.5 * static_cast<double>(next->distance) * diagonal) : kOverlapOffset * size;
+}
+
 // True when the solid is just below `at` and not just above it, which is what makes a triangle part of the surface. Both are asked, since two walls
 // may coincide.
 bool MeshDistance::Impl::on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at) const {
   const Vec3d across = cross(corners[1] - corners[0], corners[2] - corners[0]), normal = unit_or_zero(across);
-  const Vec3d offset = (kOverlapOffset * std::sqrt(length(across))) * normal;
+  const double size = std::sqrt(length(across));
   auto winding = [&](const Vec3d& p, double side) -> double {
     const int one = ray_winding(p, unit_or_zero(Vec3d{0.217, -0.131, 0.173} + side * normal));
     return one == (side < 0 ? 1 : 0) || one == ray_winding(p, unit_or_zero(Vec3d{-0.319, 0.273, -0.147} - side * normal)) ? one : solid->at(p);
   };
-  const double below = winding(at - offset, -1);
-  return below > 0.5 && below < 1.5 && winding(at + offset, 1) < 0.5;
+  const double below = winding(at - test_offset(at, -normal, size) * normal, -1);
+  return below > 0.5 && below < 1.5 && winding(at + test_offset(at, normal, size) * normal, 1) < 0.5;
 }
 
 // Adds the parts of a piece that are on the surface; false when it does not come out as it went in.

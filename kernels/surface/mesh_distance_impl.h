@@ -61,6 +61,7 @@ struct MeshDistance::Impl {
   std::optional<Hit> hit_after(float near, const Vec3d& origin, const Vec3d& direction) const;  // origin: in the scene
   int ray_winding(const Vec3d& origin, const Vec3d& direction) const;
   const Vec3d& corner(size_t triangle, int k) const { return points[triangles[3 * triangle + k]]; }
+  double test_offset(const Vec3d& at, const Vec3d& direction, double size) const;
   bool on_surface(const std::array<Vec3d, 3>& corners, const Vec3d& at) const;
 };
 

@@ -10,7 +10,7 @@
 
 namespace program_test {
 
-const char* const kPress = R"(knead: 1
+const char* const kShot = R"(knead: 1
 frames: 1-3
 nodes:
   body: {type: primitive, shape: sphere, radius: 1, resolution: 3}
@@ -33,7 +33,7 @@ class Figures : public Program {
  protected:
   void SetUp() override {
     Program::SetUp();
-    put("press.yaml", kPress);
+    put("press.yaml", kShot);
     put("ball.yaml", kBall);
   }
   Ended press(std::vector<std::string> more) const {
@@ -53,7 +53,7 @@ TEST_F(Figures, StandByNodeWhateverElseTheGraphHolds) {
   for (const char* node : {"body", "ball", "motion", "solid", "press.tets", "press.press", "press.exact", "press.figures", "result"})
     EXPECT_TRUE(alone.contains(node)) << node;
   EXPECT_EQ(alone.at("press.press").at("type"), "equilibrium");
-  put("press.yaml", std::string(kPress) +
+  put("press.yaml", std::string(kShot) +
                         "  more: {type: measure, surface: press, rest: body, sdf: solid}\n  other: {type: deform, surface: body, sdf: "
                         "solid, max_depth: 3}\n");
   ASSERT_EQ(press({"-q", "--frames", "3"}).status, 0);
@@ -127,7 +127,7 @@ TEST_F(Figures, NeverGuessThatNothingWasTouchedInABodyThatHoldsItsCollider) {
         press({"--frames", "1", "--set", std::string("press.max_depth=3"), "--set", "motion.keys={1: {translate: [0, 0, 0], scale: 0.5}}"});
     EXPECT_EQ(ended.status, 0) << ended.err;
     EXPECT_THAT(ended.out, Not(HasSubstr("nothing touched"))) << type;
-    put("press.yaml", std::regex_replace(std::string(kPress), std::regex("deform_equilibrium"), "deform"));
+    put("press.yaml", std::regex_replace(std::string(kShot), std::regex("deform_equilibrium"), "deform"));
   }
 }
 
@@ -190,7 +190,7 @@ TEST_F(Figures, OfTwoGraphsInOneFolderAreAllKept) {
 }
 
 TEST_F(Figures, OfSomeWritersAloneSayWhich) {
-  put("two.yaml", std::string(kPress) + "  rest: {type: write_mesh, surface: body, path: out/rest.obj}\n");
+  put("two.yaml", std::string(kShot) + "  rest: {type: write_mesh, surface: body, path: out/rest.obj}\n");
   Ended ended = knead({"run", "two.yaml", "--only", "rest", "--frames", "1"});
   EXPECT_EQ(ended.status, 0) << ended.err;
   EXPECT_THAT(files_in("out"), ElementsAre("rest.obj"));

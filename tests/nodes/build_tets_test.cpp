@@ -23,7 +23,7 @@ TEST(BuildTets, GivesTetsLatticePointsAndFigures) {
   EXPECT_TRUE(std::ranges::equal(run.result<Lattice>(1).tet_rest.host(), tets.rest.host(),
                                  [](const Vec3f& a, const Vec3f& b) { return a.x == b.x && a.y == b.y && a.z == b.z; }));
   EXPECT_EQ(run.result<Points>(2).values.id(), tets.rest.id());
-  const Report& report = run.result<Report>(3);
+  const Report& report = run.result<Report>(4);
   EXPECT_EQ(report.number("vertices"), static_cast<double>(tets.vertices()));
   EXPECT_EQ(report.number("tets"), static_cast<double>(tets.tets.size()));
   EXPECT_NEAR(report.number("surface_volume"), 4.0 / 3 * std::numbers::pi, 0.05);
@@ -78,14 +78,14 @@ TEST(BuildTets, BuildsOnceForARigidMotionAndPlacesTheLattice) {
   Surface sphere = make_sphere(1, 2);
   frames.run(*built, sphere);
   const uint64_t tets = frames.result<TetMesh>(0).tets.id();
-  const double volume = frames.result<Report>(3).number("surface_volume");
+  const double volume = frames.result<Report>(4).number("surface_volume");
   sphere.placement.translation = {5, 0, 0};
   sphere.placement.scale = 2;
   frames.run(*built, sphere);
   EXPECT_EQ(frames.made, 1);
   EXPECT_EQ(frames.result<TetMesh>(0).tets.id(), tets);
   EXPECT_EQ(frames.result<Lattice>(1).rest.placement, sphere.placement);
-  EXPECT_NEAR(frames.result<Report>(3).number("surface_volume"), 8 * volume, 1e-6);
+  EXPECT_NEAR(frames.result<Report>(4).number("surface_volume"), 8 * volume, 1e-6);
   frames.run(*built, make_sphere(1, 2));  // other points, though equal ones
   EXPECT_EQ(frames.made, 2);
 }
@@ -95,7 +95,7 @@ TEST(BuildTets, ParametersReachTheKernel) {
   const auto vertices = [&](const Literal::Map& parameters) {
     auto run = node(parameters);
     run.give("surface", sphere).at(1);
-    return run.result<Report>(3).number("vertices");
+    return run.result<Report>(4).number("vertices");
   };
   EXPECT_LT(vertices({{"max_depth", 3}}), vertices({{"max_depth", 5}, {"max_vertices", 1}}));
   EXPECT_LT(vertices({{"max_depth", 2}}), vertices({{"max_depth", 3}, {"min_depth", 3}}));

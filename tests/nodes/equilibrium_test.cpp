@@ -238,7 +238,10 @@ TEST(EquilibriumCascade, TakesACacheThatIsTooSmall) {
 // The one-node form is the same as its parts by hand.
 TEST(Equilibrium, IsOneNodeToo) {
   GraphSpec graph = pressed();
-  graph.add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "press"}, {"sdf", "solid"}})
+  graph
+      .add("by_hand", "equilibrium",
+           {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"inside", "tets.inside"}})
+      .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "by_hand"}, {"sdf", "solid"}})
       .add("whole", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}});
   Evaluator evaluator(compile(graph));
   const auto parts = evaluator.get<Surface>("exact.surface", 2), whole = evaluator.get<Surface>("whole.surface", 2);
@@ -253,7 +256,9 @@ TEST(EquilibriumCascade, IsTwoOfTheOneNodeFormToo) {
       .add("first", "deform_equilibrium",
            {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 3}, {"threshold", 1e-2}, {"displacement", 1e-2}, {"penetration", 2e-2}})
       .add("whole", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}, {"start", "first.state"}})
-      .add("second", "equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"start", "first.state"}})
+      .add(
+          "second", "equilibrium",
+          {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"inside", "tets.inside"}, {"start", "first.state"}})
       .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "second"}, {"sdf", "solid"}});
   Evaluator evaluator(compile(graph));
   EXPECT_EQ(evaluator.get<Report>("first.report", 2).word("started"), "rest");

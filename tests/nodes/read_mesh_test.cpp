@@ -77,7 +77,7 @@ TEST_F(ReadMeshNode, WeldsOnRequest) {
 
 TEST_F(ReadMeshNode, RefusesPathsThatNameNoMesh) {
   EXPECT_THROW(node(""), Error);
-  EXPECT_THROW(node("m.fbx"), Error);
+  EXPECT_THROW(node("m.blend"), Error);
 }
 
 }  // namespace

@@ -47,6 +47,24 @@ TEST(MeshDistance, IsExactAroundABoxWithItsEdgesAndCorners) {
   }
 }
 
+// Few large triangles say as much about a thin wall as many small ones.
+TEST(MeshDistance, KnowsThinWallsOfLargeTriangles) {
+  for (const double thickness : {1e-1, 1e-2, 1e-3, 1e-4})
+    for (const int segments : {1, 8}) {
+      DistanceSoup soup;
+      soup.add(knead::make_box({2, static_cast<float>(thickness), 2}, segments));
+      const MeshDistance mesh = soup.distance();
+      EXPECT_FALSE(mesh.overlapping()) << thickness << ", " << segments;
+      const double half = 0.5 * static_cast<double>(static_cast<float>(thickness));
+      std::mt19937 random(3);
+      for (int i = 0; i < 500; ++i) {
+        Vec3d p = distance_random_point(random, 0.9);
+        if (i % 2) p.y *= 2 * thickness;
+        ASSERT_NEAR(mesh.signed_distance(p).distance, std::abs(p.y) - half, 1e-9) << thickness << ", " << segments << " at " << p.y;
+      }
+    }
+}
+
 TEST(MeshDistance, PointsAwayFromTheSolidOnItsSurface) {
   DistanceSoup soup;
   soup.add(knead::make_box({2, 2, 2}, 2));
