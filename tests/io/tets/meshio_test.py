@@ -55,7 +55,7 @@ def check(meshio, numpy, path, like=None):
     assert numpy.allclose(numpy.ravel(mesh.cell_data["rest_volume"][0]), volumes)
     assert numpy.allclose(numpy.ravel(mesh.cell_data["volume_ratio"][0]), 1)
     weight = numpy.ravel(mesh.point_data["weight"])
-    assert 0 <= weight.min() < weight.max() <= 1
+    assert 0 <= weight.min() < weight.max() <= 1 + 1e-6
     if like is not None:
         assert len(like.points) == len(mesh.points) and len(like.cells_dict["tetra"]) == len(tets)
         assert numpy.isclose(volumes.sum(), check.volume, rtol=1e-5)
