@@ -14,7 +14,7 @@ cd "$work"
 cpack -G DEB --config "$build/CPackConfig.cmake" -B "$work" >cpack.log 2>&1 || { cat cpack.log; exit 1; }
 program=$(ls "$work"/knead_*.deb) headers=$(ls "$work"/libknead-dev_*.deb)
 dpkg-deb --field "$program" Package Version Depends Installed-Size
-dpkg-deb --contents "$headers" | grep -q '/usr/include/knead/knead.h'
+dpkg-deb --contents "$headers" | grep '/usr/include/knead/knead.h' >/dev/null
 ! dpkg-deb --contents "$program" | grep -E '\.h$|/tmp/|/home/' || { echo "The program's package holds what belongs elsewhere" >&2; exit 1; }
 
 # Who has which name here: packages that are installed, and what they provide.
