@@ -1,38 +1,13 @@
-#include <dlfcn.h>
-
 #include <algorithm>
-#include <filesystem>
 
 #include "io/mesh/assimp.h"
+#include "io/module.h"
 
 // Null but in tests, which are linked with all objects.
 extern "C" __attribute__((weak)) void knead_read_assimp(std::string_view bytes, const std::string& name, std::vector<std::string>& warnings,
                                                         knead::mesh::RawMesh& mesh);
 
 namespace knead::mesh {
-
-namespace {
-
-#if defined(KNEAD_ASSIMP_MODULE)
-[[noreturn]] void fail() {
-  const char* reason = ::dlerror();
-  throw Error(ErrorCode::kFile, std::string("Assimp's part of Knead cannot be loaded: ") + (reason ? reason : "unknown reason"),
-              std::string(KNEAD_ASSIMP_MODULE) + " must stand beside the knead library, and Assimp be installed (libassimp5)");
-}
-
-decltype(&knead_read_assimp) load() {
-  Dl_info here{};
-  if (!::dladdr(reinterpret_cast<const void*>(&load), &here)) fail();
-  const std::filesystem::path folder = std::filesystem::path(here.dli_fname).parent_path();
-  void* module = ::dlopen((folder / KNEAD_ASSIMP_MODULE).c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (!module) fail();
-  const auto door = reinterpret_cast<decltype(&knead_read_assimp)>(::dlsym(module, "knead_read_assimp"));
-  if (!door) fail();
-  return door;
-}
-#endif
-
-}  // namespace
 
 bool is_assimp_ending(std::string_view ending) {
   static constexpr std::string_view kEndings[] = {".gltf", ".glb", ".fbx", ".dae", ".3ds"};
@@ -50,6 +25,7 @@ bool assimp_is_built_in() {
 RawMesh read_assimp([[maybe_unused]] std::string_view bytes, const std::string& name, [[maybe_unused]] std::vector<std::string>& warnings) {
   RawMesh mesh;
 #if defined(KNEAD_ASSIMP_MODULE)
+  const auto load = [] { return reinterpret_cast<decltype(&knead_read_assimp)>(load_module("Assimp", KNEAD_ASSIMP_MODULE, "knead_read_assimp")); };
   static const auto read = knead_read_assimp ? &knead_read_assimp : load();  // a failed load is tried again
   read(bytes, name, warnings, mesh);
 #elif defined(KNEAD_ASSIMP_IS_LINKED)

@@ -1,10 +1,6 @@
 #include "io/vdb/vdb_module.h"
 
-#include <dlfcn.h>
-
-#include <filesystem>
-
-#include "graph/error.h"
+#include "io/module.h"
 
 namespace knead {
 namespace {
@@ -16,22 +12,9 @@ const VdbFunctions& vdb() {
 #else
 extern "C" __attribute__((weak)) const VdbFunctions* knead_vdb_functions();  // null but in tests, which are linked with all objects
 
-[[noreturn]] void fail() {
-  const char* reason = ::dlerror();
-  throw Error(ErrorCode::kFile, std::string("OpenVDB's part of Knead cannot be loaded: ") + (reason ? reason : "unknown reason"),
-              std::string(KNEAD_VDB_MODULE) + " must stand beside the knead library");
-}
-
 const VdbFunctions* load() {
-  Dl_info here{};
-  if (!::dladdr(reinterpret_cast<const void*>(&load), &here)) fail();
-  const std::filesystem::path folder = std::filesystem::path(here.dli_fname).parent_path();
-  void* module = ::dlopen((folder / KNEAD_VDB_MODULE).c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (!module) fail();
   using Door = const VdbFunctions* (*)();
-  const auto door = reinterpret_cast<Door>(::dlsym(module, "knead_vdb_functions"));
-  if (!door) fail();
-  return door();
+  return reinterpret_cast<Door>(load_module("OpenVDB", KNEAD_VDB_MODULE, "knead_vdb_functions"))();
 }
 
 const VdbFunctions& vdb() {

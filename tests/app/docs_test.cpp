@@ -95,14 +95,7 @@ TEST_F(Docs, EveryGraphRunsAsItStands) {
   for (const fs::path& page : pages()) {
     const fs::path folder = folder_ / page.stem();
     fs::create_directories(folder);
-    put(page.stem() / "make_inputs.yaml", R"(knead: 1
-nodes:
-  head: {type: primitive, shape: blob, height: 2, resolution: 12}
-  fist: {type: primitive, shape: sphere, radius: 0.4, resolution: 3}
-  head_file: {type: write_mesh, surface: head, path: head.obj}
-  fist_file: {type: write_mesh, surface: fist, path: fist.obj}
-)");
-    ASSERT_EQ(knead({"run", (folder / "make_inputs.yaml").string(), "-q", "--out", folder.string()}).status, 0);
+    make_inputs(page.stem().string());
     for (const std::string& graph : blocks(text_of(page), "yaml")) {
       if (graph.find("knead: 1") == std::string::npos) continue;
       const std::string name = file_of(graph).empty() ? "graph.yaml" : file_of(graph);

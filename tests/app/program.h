@@ -62,6 +62,18 @@ class Program : public testing::Test {
     return folder_ / name;
   }
 
+  // What the graphs of README.md and docs/ read, head.obj and fist.obj, in a folder of folder_.
+  void make_inputs(const std::string& sub = ".") const {
+    put(sub + "/make_inputs.yaml", R"(knead: 1
+nodes:
+  head: {type: primitive, shape: blob, height: 2, resolution: 12}
+  fist: {type: primitive, shape: sphere, radius: 0.4, resolution: 3}
+  head_file: {type: write_mesh, surface: head, path: head.obj}
+  fist_file: {type: write_mesh, surface: fist, path: fist.obj}
+)");
+    ASSERT_EQ(knead({"run", sub + "/make_inputs.yaml", "-q", "--out", sub}).status, 0);
+  }
+
   // Starts the program in folder_; its output goes to files, or stdout to `out_path`.
   pid_t start(const std::vector<std::string>& words, const std::string& out_path = {}) const {
     std::string program = program_path();

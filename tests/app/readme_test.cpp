@@ -20,14 +20,7 @@ TEST_F(Readme, HasAGraphThatRunsAsItStands) {
   const std::string graph = between(text_, "```yaml\nknead: 1", "```");
   ASSERT_NE(graph, "");
   put("press.yaml", "knead: 1\n" + graph);
-  put("make.yaml", R"(knead: 1
-nodes:
-  head: {type: primitive, shape: blob, height: 2, resolution: 12}
-  fist: {type: primitive, shape: sphere, radius: 0.4, resolution: 3}
-  head_file: {type: write_mesh, surface: head, path: head.obj}
-  fist_file: {type: write_mesh, surface: fist, path: fist.obj}
-)");
-  ASSERT_EQ(knead({"run", "make.yaml", "-q"}).status, 0);
+  make_inputs();
   const Ended ended =
       knead({"run", "press.yaml", "--frames", "24", "--set", "press.max_iterations=5", "--set", "solid.resolution=16", "--set", "press.max_depth=4"});
   EXPECT_EQ(ended.status, 0) << ended.err;

@@ -4,7 +4,6 @@
 #include <random>
 
 #include "kernels/port_types.h"
-#include "kernels/sdf_sample.h"
 #include "kernels/shapes/primitives.h"
 #include "kernels/surface/mesh_distance.h"
 #include "kernels/surface/winding_number.h"
@@ -17,14 +16,7 @@ using knead::Surface;
 using knead::Vec3d;
 using knead::Vec3f;
 using sdf_node_test::OneNode;
-
-double solid_at(const Sdf& sdf, const Vec3d& world) {
-  const Vec3d local = sdf.placement.inverse().apply(world);
-  const float far = 1e9f;
-  const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
-  knead::SdfSampler sampler(knead::SdfView{grid, {-far, -far, -far}, {far, far, far}});
-  return sampler.value(knead::to_float((local - to_double(sdf.index_origin)) * (1.0 / sdf.voxel_size))) * sdf.placement.scale;
-}
+using sdf_node_test::value_at;
 
 Surface solid_scaled(const Surface& surface, double scale, const Vec3d& offset) {
   std::vector<Vec3f> points;
@@ -54,7 +46,7 @@ TEST(MeshToSdf, KnowsItsInsideToTheMedialAxis) {
   const Sdf sdf = solid_of(knead::make_box({2, 2, 2}, 4), 64, &warnings);
   EXPECT_EQ(warnings, "");
   const double h = 2.0 / 64;
-  for (double x = -0.99; x < 1; x += 0.07) EXPECT_NEAR(solid_at(sdf, {x, 0.1, -0.05}), -std::min(1 - std::abs(x), 0.9), 0.35 * h) << x;
+  for (double x = -0.99; x < 1; x += 0.07) EXPECT_NEAR(value_at(sdf, {x, 0.1, -0.05}), -std::min(1 - std::abs(x), 0.9), 0.35 * h) << x;
   EXPECT_NEAR(sdf.inside_depth, 1, h);
   ASSERT_TRUE(sdf.mesh);
   EXPECT_EQ(sdf.mesh->topology->triangle_count(), 192u);
@@ -78,7 +70,7 @@ TEST(MeshToSdf, AgreesWithExactWindingNumbersInSign) {
     for (int i = 0; i < 400; ++i) {
       const Vec3d size = to_double(shape.upper) - to_double(shape.lower);
       const Vec3d p = to_double(shape.lower) + Vec3d{u(random) * size.x, u(random) * size.y, u(random) * size.z};
-      const double value = solid_at(sdf, p);
+      const double value = value_at(sdf, p);
       if (std::abs(value) < 0.5 * sdf.voxel_size) continue;
       ASSERT_EQ(value<0, knead::winding_number_exact(points, shape.topology->triangles, p)> 0.5) << p.x << ' ' << p.y << ' ' << p.z;
     }
@@ -91,12 +83,12 @@ TEST(MeshToSdf, SaysWhatItAssumed) {
   std::vector<uint32_t> turned = sphere.topology->triangles;
   for (size_t k = 0; k < turned.size(); k += 3) std::swap(turned[k], turned[k + 1]);
   const Sdf inside_out = solid_of(knead::make_triangle_surface({sphere.points.host().begin(), sphere.points.host().end()}, turned), 32, &warnings);
-  EXPECT_LT(solid_at(inside_out, {0, 0, 0}), -0.9);
+  EXPECT_LT(value_at(inside_out, {0, 0, 0}), -0.9);
   EXPECT_NE(warnings.find("inside out"), std::string::npos) << warnings;
 
   const std::vector<uint32_t> open(sphere.topology->triangles.begin(), sphere.topology->triangles.end() - 60);
   const Sdf opened = solid_of(knead::make_triangle_surface({sphere.points.host().begin(), sphere.points.host().end()}, open), 32, &warnings);
-  EXPECT_LT(solid_at(opened, {0, 0, 0}), -0.8);
+  EXPECT_LT(value_at(opened, {0, 0, 0}), -0.8);
   EXPECT_NE(warnings.find("opening"), std::string::npos) << warnings;
 
   solid_of(solid_joined(sphere, sphere, {1, 0, 0}, false), 32, &warnings);
@@ -113,7 +105,7 @@ TEST(MeshToSdf, NamesAVoxelSizeForThinColliders) {
   OneNode node("mesh_to_sdf");
   node.set("voxel_size", size * 0.99).connect("mesh", plate).run();
   EXPECT_TRUE(node.warnings.empty()) << node.all_warnings();
-  EXPECT_LT(solid_at(node.out<Sdf>("sdf"), {0.3, 0, 0.2}), -0.003);
+  EXPECT_LT(value_at(node.out<Sdf>("sdf"), {0.3, 0, 0.2}), -0.003);
 }
 
 TEST(MeshToSdf, RefusesAVoxelSizeThatWouldNotFit) {
@@ -137,7 +129,7 @@ TEST(MeshToSdf, BuildsOnceForARigidMotionAndMovesWithIt) {
     ball.placement.translation = {10.0 * frame, 0, 1};
     node.connect("mesh", ball).run();
     EXPECT_EQ(node.out<Sdf>("sdf").grid.id(), grid);
-    EXPECT_NEAR(solid_at(node.out<Sdf>("sdf"), {10.0 * frame + 0.9, 0, 1}), -0.1, 0.01);
+    EXPECT_NEAR(value_at(node.out<Sdf>("sdf"), {10.0 * frame + 0.9, 0, 1}), -0.1, 0.01);
   }
   EXPECT_EQ(node.builds, 1);
   ball.placement.scale = 2;  // the voxel size is in world units: another grid
@@ -151,7 +143,7 @@ TEST(MeshToSdf, IsTheSameAtAnyScaleAndOffset) {
   for (const double scale : {1e-4, 1e6}) {
     const Sdf there = solid_of(solid_scaled(torus, scale, {0.5 * scale, 0, -0.25 * scale}), 48);
     for (const Vec3d& p : {Vec3d{1, 0, 0}, Vec3d{0.8, 0.1, 0.2}, Vec3d{1.32, 0, 0}, Vec3d{0, 0, 0}})
-      EXPECT_NEAR(solid_at(there, p * scale + Vec3d{0.5 * scale, 0, -0.25 * scale}) / scale, solid_at(here, p), 2e-5);
+      EXPECT_NEAR(value_at(there, p * scale + Vec3d{0.5 * scale, 0, -0.25 * scale}) / scale, value_at(here, p), 2e-5);
   }
 }
 
@@ -165,11 +157,11 @@ TEST(MeshToSdf, TakesBadMeshesWithoutHarm) {
   Surface broken = sphere;
   broken.points = knead::Buffer<Vec3f>(points);
   const Sdf sdf = solid_of(broken, 32, &warnings);
-  EXPECT_LT(solid_at(sdf, {0, 0, 0}), -0.7);
+  EXPECT_LT(value_at(sdf, {0, 0, 0}), -0.7);
   EXPECT_NE(warnings.find("non-finite"), std::string::npos) << warnings;
   const Sdf flat = solid_of(knead::make_triangle_surface({{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {0, 1, 2, 0, 2, 3}), 32, &warnings);
   EXPECT_NE(warnings.find("sheet"), std::string::npos) << warnings;
-  EXPECT_GE(solid_at(flat, {0.5, 0.5, 0}), -0.01);
+  EXPECT_GE(value_at(flat, {0.5, 0.5, 0}), -0.01);
 }
 
 }  // namespace

@@ -6,6 +6,8 @@
 
 #include "graph/node.h"
 #include "graph/registry.h"
+#include "kernels/port_types.h"
+#include "kernels/sdf_sample.h"
 
 namespace sdf_node_test {
 
@@ -80,5 +82,14 @@ class OneNode : public knead::Context {
   std::vector<knead::Value> outputs_;
   std::map<knead::Key, knead::Value> made_;
 };
+
+// The field's interpolant, world units.
+inline double value_at(const knead::Sdf& sdf, const knead::Vec3d& world) {
+  const knead::Vec3d local = sdf.placement.inverse().apply(world);
+  const float far = 1e9f;
+  const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
+  knead::SdfSampler sampler(knead::SdfView{grid, {-far, -far, -far}, {far, far, far}});
+  return sampler.value(knead::to_float((local - to_double(sdf.index_origin)) * (1.0 / sdf.voxel_size))) * sdf.placement.scale;
+}
 
 }  // namespace sdf_node_test

@@ -2,7 +2,6 @@
 
 #include "graph/error.h"
 #include "kernels/port_types.h"
-#include "kernels/sdf_sample.h"
 #include "kernels/shapes/primitives.h"
 #include "tests/nodes/sdf_node_context.h"
 
@@ -12,14 +11,7 @@ using knead::Sdf;
 using knead::Surface;
 using knead::Vec3d;
 using sdf_node_test::OneNode;
-
-double union_at(const Sdf& sdf, const Vec3d& world) {
-  const Vec3d local = sdf.placement.inverse().apply(world);
-  const float far = 1e9f;
-  const auto* grid = reinterpret_cast<const nanovdb::NanoGrid<float>*>(sdf.grid.host().data());
-  knead::SdfSampler sampler(knead::SdfView{grid, {-far, -far, -far}, {far, far, far}});
-  return sampler.value(knead::to_float((local - to_double(sdf.index_origin)) * (1.0 / sdf.voxel_size))) * sdf.placement.scale;
-}
+using sdf_node_test::value_at;
 
 Sdf union_part(const Surface& surface, double voxel, const Vec3d& at, double scale = 1) {
   Surface placed = surface;
@@ -38,9 +30,9 @@ TEST(UnionSdf, IsTheLeastOfTheDistances) {
   EXPECT_NEAR(sdf.voxel_size * sdf.placement.scale, 0.05, 1e-6);  // the finer of the two
   for (double x = 4.4; x < 7.1; x += 0.06) {
     const double expected = std::min(std::abs(x - 5) - 0.5, std::abs(x - 6) - 1.0);
-    EXPECT_NEAR(union_at(sdf, {x, 0, 0}), std::min(expected, 4 * 0.05), 0.02) << x;
+    EXPECT_NEAR(value_at(sdf, {x, 0, 0}), std::min(expected, 4 * 0.05), 0.02) << x;
   }
-  EXPECT_GT(union_at(sdf, {5, 3, 0}), 0);
+  EXPECT_GT(value_at(sdf, {5, 3, 0}), 0);
   ASSERT_TRUE(sdf.mesh);
   EXPECT_EQ(sdf.mesh->topology->triangle_count(), 2 * ball.topology->triangle_count());
 }
@@ -51,7 +43,7 @@ TEST(UnionSdf, IsBuiltOnceWhileThePartsKeepTheirPlaces) {
   OneNode node("union_sdf");
   node.connect("sdf", a).connect("sdf", b).run();
   EXPECT_EQ(node.builds, 1);
-  EXPECT_NEAR(union_at(node.out<Sdf>("sdf"), {1.9, 0, 0}), -0.1, 0.02);
+  EXPECT_NEAR(value_at(node.out<Sdf>("sdf"), {1.9, 0, 0}), -0.1, 0.02);
 }
 
 TEST(UnionSdf, PassesOneOnAndRefusesNone) {

@@ -12,26 +12,13 @@
 #include "kernels/port_types.h"
 #include "tests/graph/fake_device.h"
 #include "tests/kernels/on_device.h"
+#include "tests/nodes/press_scene.h"
 
 namespace knead {
 namespace whole_graph_device_test {
 
 using fake_device::FakeDevice;
-
-// A box and a swelling ball press a blob that is pinned at its foot.
-const char* const kPress = R"(knead: 1
-frames: 1-5
-nodes:
-  body: {type: primitive, shape: blob, resolution: 10, height: 2}
-  cube: {type: primitive, shape: box, size: [0.8, 0.8, 0.8], resolution: 4}
-  falls: {type: transform, mesh: cube, keys: {1: {translate: [0.1, 2.4, 0]}, 5: {translate: [0.1, 1.1, 0], rotate: [0, 40, 20]}}}
-  ball: {type: primitive, shape: sphere, radius: 0.4, resolution: 3}
-  swells: {type: transform, mesh: ball, keys: {1: {translate: [1.9, 0, 0], scale: 0.8}, 5: {translate: [1.15, 0, 0], scale: 1}}}
-  cube_sdf: {type: mesh_to_sdf, mesh: falls, voxel_size: 0.06}
-  ball_sdf: {type: mesh_to_sdf, mesh: swells, resolution: 16}
-  pins: {type: weights, surface: body, region: plane, normal: [0, 1, 0], point: [0, -0.7, 0]}
-  press: {type: deform, surface: body, sdf: [cube_sdf, ball_sdf], pins: pins, max_depth: 4, max_iterations: 30, stiffness: 0.4}
-)";
+using press_scene::kPress;
 
 // A ball that is in beyond its middle: it comes in from outside over the first rounds. Nothing is pinned, so that the rigid motion is taken out, and
 // the pull to rest is painted.
@@ -158,9 +145,7 @@ TEST(WholeGraphOnADevice, NothingTouchedMeansNothingChanged) {
   EXPECT_TRUE(same_bits({rest.points.host().begin(), rest.points.host().end()}, there.get(1).surface));
 }
 
-TEST(WholeGraphOnADevice, FramesSideBySideAreThoseOneByOne) {
-  FakeDevice one, many;
-  OnExecutor single(one.executor, kPress), batch(many.executor, kPress);
+void expect_same_side_by_side(OnExecutor& batch, OnExecutor& single) {
   int frames = 0;
   batch.evaluator.evaluate_frames({5, 3, 1, 4, 2}, {"press.surface"}, false, [&](const FrameResult& result) {
     ASSERT_FALSE(result.error) << result.error->what();
@@ -169,6 +154,12 @@ TEST(WholeGraphOnADevice, FramesSideBySideAreThoseOneByOne) {
     ++frames;
   });
   EXPECT_EQ(frames, 5);
+}
+
+TEST(WholeGraphOnADevice, FramesSideBySideAreThoseOneByOne) {
+  FakeDevice one, many;
+  OnExecutor single(one.executor, kPress), batch(many.executor, kPress);
+  expect_same_side_by_side(batch, single);
   EXPECT_EQ(many.executor.figures().joined, 5u) << "their loops run as one";
   EXPECT_EQ(one.executor.figures().joined, 0u);
 }
@@ -239,14 +230,7 @@ TEST_P(WholeGraphOnCuda, TheHostStartsALoopOnce) {
 
 TEST_P(WholeGraphOnCuda, FramesSideBySideAreThoseOneByOne) {
   OnExecutor single(*cuda_, kPress), batch(*cuda_, kPress);
-  int frames = 0;
-  batch.evaluator.evaluate_frames({5, 3, 1, 4, 2}, {"press.surface"}, false, [&](const FrameResult& result) {
-    ASSERT_FALSE(result.error) << result.error->what();
-    const auto points = result.values.at("press.surface").as<Surface>().points.host();
-    EXPECT_TRUE(same_bits({points.begin(), points.end()}, single.get(result.frame).surface)) << result.frame;
-    ++frames;
-  });
-  EXPECT_EQ(frames, 5);
+  expect_same_side_by_side(batch, single);
   EXPECT_EQ(on_device::figures_of(*cuda_).joined, 5u) << "their loops run as one";
 }
 

@@ -11,6 +11,7 @@
 #include "graph/evaluator.h"
 #include "io/graph_file.h"
 #include "kernels/port_types.h"
+#include "tests/nodes/press_scene.h"
 
 namespace knead {
 namespace whole_graph_test {
@@ -18,26 +19,10 @@ namespace whole_graph_test {
 using testing::Pair;
 using testing::UnorderedElementsAre;
 
-// A box that falls on a blob, and a ball that swells into it from the side: one collider's field is shared by the frames, the other's is not. Nothing
-// touches in frame 1.
-const char* const kScene = R"(knead: 1
-frames: 1-5
-nodes:
-  body: {type: primitive, shape: blob, resolution: 12, height: 2}
-  cube: {type: primitive, shape: box, size: [0.8, 0.8, 0.8], resolution: 4}
-  falls: {type: transform, mesh: cube, keys: {1: {translate: [0.1, 2.4, 0]}, 5: {translate: [0.1, 1.1, 0], rotate: [0, 40, 20]}}}
-  ball: {type: primitive, shape: sphere, radius: 0.4, resolution: 3}
-  swells: {type: transform, mesh: ball, keys: {1: {translate: [1.9, 0, 0], scale: 0.8}, 5: {translate: [1.15, 0, 0], scale: 1}}}
-  cube_sdf: {type: mesh_to_sdf, mesh: falls, voxel_size: 0.06}
-  ball_sdf: {type: mesh_to_sdf, mesh: swells, resolution: 16}
-  pins: {type: weights, surface: body, region: plane, normal: [0, 1, 0], point: [0, -0.7, 0]}
-  press: {type: deform, surface: body, sdf: [cube_sdf, ball_sdf], pins: pins, max_depth: 4, max_iterations: 30, stiffness: 0.4}
-)";
-
 std::shared_ptr<const Plan> scene(const std::vector<std::pair<std::string, Literal>>& overrides = {}) {
   CompileOptions options = graph_file_options();
   options.overrides = overrides;
-  return compile(read_graph_text(kScene, "scene.yaml"), options);
+  return compile(read_graph_text(press_scene::kPress, "scene.yaml"), options);
 }
 
 const std::vector<std::string> kOutputs{"press.surface", "press.points", "press.volume_change", "press.report"};
