@@ -11,6 +11,11 @@ enum class Ended {
   kNoContact,       // Nothing touches the body, which is as it was.
 };
 
+// Whether nothing that is left to do would be seen.
+constexpr bool is_rest(Ended ended) {
+  return ended == Ended::kAtRest || ended == Ended::kRounding || ended == Ended::kNoContact;
+}
+
 // As reports say it.
 constexpr const char* text_of(Ended ended) {
   switch (ended) {

@@ -41,8 +41,16 @@ std::vector<std::array<double, 3>> barycentric_grid(int face_samples) {
   return grid;
 }
 
+// A point of M and how deep it is.
+struct Depth {
+  double depth = 0;
+  Vec3d at{0, 0, 0};
+  static Depth deeper(const Depth& a, const Depth& b) { return a.depth < b.depth ? b : a; }
+};
+
 struct VertexSums {
-  double deepest = 0, squares = 0, inside = 0;
+  Depth deepest;
+  double squares = 0, inside = 0;
 };
 
 struct TetSums {
@@ -62,17 +70,23 @@ void ColliderDistance::add(const Sdf& sdf, std::shared_ptr<const MeshDistance> e
   colliders_.push_back({&sdf, std::move(exact), sdf.placement.inverse()});
 }
 
+double ColliderDistance::Collider::distance(const Vec3d& world) const {
+  const Vec3d p = to_local.apply(world);
+  const Vec3d below = to_double(sdf->lower) - p, above = p - to_double(sdf->upper);
+  const double to_box = length(Vec3d{std::max({below.x, above.x, 0.0}), std::max({below.y, above.y, 0.0}), std::max({below.z, above.z, 0.0})});
+  const double local = to_box > 0 ? to_box : exact ? exact->signed_distance(p).distance : sampled_distance(*sdf, p);
+  return local * sdf->placement.scale;
+}
+
 double ColliderDistance::operator()(const Vec3d& world) const {
   double nearest = kFar;
-  for (const Collider& collider : colliders_) {
-    const Vec3d p = collider.to_local.apply(world);
-    const Vec3d below = to_double(collider.sdf->lower) - p, above = p - to_double(collider.sdf->upper);
-    const Vec3d beyond{std::max({below.x, above.x, 0.0}), std::max({below.y, above.y, 0.0}), std::max({below.z, above.z, 0.0})};
-    const double to_box = length(beyond);
-    const double local = to_box > 0 ? to_box : collider.exact ? collider.exact->signed_distance(p).distance : sampled_distance(*collider.sdf, p);
-    nearest = std::min(nearest, local * collider.sdf->placement.scale);
-  }
+  for (const Collider& collider : colliders_) nearest = std::min(nearest, collider.distance(world));
   return nearest;
+}
+
+size_t ColliderDistance::nearest(const Vec3d& world) const {
+  const auto nearer = [&](const Collider& a, const Collider& b) { return a.distance(world) < b.distance(world); };
+  return static_cast<size_t>(std::min_element(colliders_.begin(), colliders_.end(), nearer) - colliders_.begin());
 }
 
 Penetration measure_penetration(Executor& executor, const Surface& surface, const ColliderDistance& colliders, int face_samples) {
@@ -83,28 +97,36 @@ Penetration measure_penetration(Executor& executor, const Surface& surface, cons
   const VertexSums vertices = parallel_reduce(
       executor, points.size(), "measure", VertexSums{},
       [&](uint32_t i) {
-        const double depth = std::max(0.0, -colliders(world(i)));
-        return VertexSums{depth, depth * depth, depth > 0 ? 1.0 : 0.0};
+        const Vec3d at = world(i);
+        const double depth = std::max(0.0, -colliders(at));
+        return VertexSums{{depth, at}, depth * depth, depth > 0 ? 1.0 : 0.0};
       },
       [](const VertexSums& a, const VertexSums& b) {
-        return VertexSums{std::max(a.deepest, b.deepest), a.squares + b.squares, a.inside + b.inside};
+        return VertexSums{Depth::deeper(a.deepest, b.deepest), a.squares + b.squares, a.inside + b.inside};
       });
-  found.vertices_max = vertices.deepest;
+  found.vertices_max = vertices.deepest.depth;
+  found.deepest_at = vertices.deepest.at;
   found.vertices_rms = std::sqrt(vertices.squares / static_cast<double>(points.size()));
   found.vertices_inside = static_cast<size_t>(vertices.inside);
   if (face_samples < 1 || !surface.topology) return found;
 
   const auto grid = barycentric_grid(face_samples);
   const std::vector<uint32_t>& triangles = surface.topology->triangles;
-  found.faces_max = reduce_max(executor, triangles.size() / 3, "measure", [&](uint32_t t) {
+  const auto deepest_of = [&](uint32_t t) {
     const Vec3d a = world(triangles[3 * t]), b = world(triangles[3 * t + 1]), c = world(triangles[3 * t + 2]);
     // A distance changes no faster than its place does, so most triangles are done after one look.
     const Vec3d middle = (1.0 / 3) * (a + b + c);
-    if (colliders(middle) > 1.01 * std::max({length(a - middle), length(b - middle), length(c - middle)})) return 0.0;
-    double deepest = 0;
-    for (const auto& [u, v, w] : grid) deepest = std::max(deepest, -colliders(u * a + v * b + w * c));
+    if (colliders(middle) > 1.01 * std::max({length(a - middle), length(b - middle), length(c - middle)})) return Depth{};
+    Depth deepest;
+    for (const auto& [u, v, w] : grid) {
+      const Vec3d at = u * a + v * b + w * c;
+      deepest = Depth::deeper(deepest, {-colliders(at), at});
+    }
     return deepest;
-  });
+  };
+  const Depth faces = parallel_reduce(executor, triangles.size() / 3, "measure", Depth{}, deepest_of, Depth::deeper);
+  found.faces_max = faces.depth;
+  if (faces.depth > vertices.deepest.depth) found.deepest_at = faces.at;
   return found;
 }
 

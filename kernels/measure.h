@@ -20,12 +20,14 @@ class ColliderDistance {
   void add(const Sdf& sdf, std::shared_ptr<const MeshDistance> exact);  // of sdf.mesh
   bool empty() const { return colliders_.empty(); }
   double operator()(const Vec3d& world) const;  // outside a collider's box the distance to the box stands for it; infinite without colliders
+  size_t nearest(const Vec3d& world) const;     // the collider whose distance that is, in the order in which they were added
 
  private:
   struct Collider {
     const Sdf* sdf;
     std::shared_ptr<const MeshDistance> exact;
     Similarity to_local;
+    double distance(const Vec3d& world) const;
   };
   std::vector<Collider> colliders_;
 };
@@ -34,6 +36,7 @@ class ColliderDistance {
 struct Penetration {
   double vertices_max = 0, vertices_rms = 0, faces_max = 0;
   size_t vertices_inside = 0;
+  Vec3d deepest_at{0, 0, 0};  // the place of the deepest of all points looked at; meaningless where nothing is inside
 };
 
 // Over M's vertices, and over a barycentric grid of at most `face_samples` points on every triangle, its corners among them (1: the centroid; 0:

@@ -25,7 +25,8 @@ comes in from outside over the first iterations.
 `mode: project` is the last step after the loop: every vertex that is inside goes to the nearest place outside, exactly against the collider's own triangles
 where the field carries them (else against the field's interpolant), a few rounding errors outside. A vertex squeezed between colliders goes to and fro, and
 if no place is found stays at the least deep one; the report counts these. Only vertices are looked at: a coarse face can still cut a convex collider.
-`samples: 8` also keeps 42 points inside each triangle and its edges outside, by moving its corners.
+`samples: 8` also keeps 42 points inside each triangle and its edges outside, by moving its corners, each along its own way out, so that what a slow collider
+does stays smooth in time.
 
 Vertices that are not in contact keep their bits, and without any contact the surface comes out as the very same buffer. `margin` keeps a skin's distance; it
 must lie within the field's outside band. Displacements and memory are in the surface's local units; the report is in world units.)";
@@ -191,6 +192,6 @@ class CollideSdf : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(collide_sdf, CollideSdf, 2, kManual)
+KNEAD_REGISTER(collide_sdf, CollideSdf, 3, kManual)
 
 }  // namespace knead

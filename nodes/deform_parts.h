@@ -22,11 +22,11 @@ inputs:
   lattice: {default: barycentric, doc: "coordinates of M in the tet mesh: barycentric, trilinear or mean_value"}
 )" + parameters +
            R"(  margin: {default: 0, doc: "distance to keep from the colliders, world units"}
-  face_samples: {default: 0, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
+  face_samples: {default: 10, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
 nodes:
   tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, split_pieces: $split_pieces, lattice: $lattice}
 )" + nodes +
-           R"(  exact: {type: collide_sdf, mode: project, surface: press.surface, sdf: inputs.sdf, margin: $margin}
+           R"(  exact: {type: collide_sdf, mode: project, surface: press.surface, sdf: inputs.sdf, margin: $margin, samples: 8}
   figures:
     type: measure
     surface: exact.surface
@@ -69,7 +69,7 @@ It is a group that stands for these nodes ()" +
            source + R"():
   tets     build_tets: a tet mesh around the surface, built once
 )" + nodes +
-           R"(  exact    collide_sdf in mode project: no vertex of the result is left inside a collider
+           R"(  exact    collide_sdf in mode project, with samples: no vertex of the result is left inside a collider, and no face that can be kept out of it
   figures  measure
 
 )" + remarks +

@@ -1,5 +1,9 @@
 #include "kernels/equilibrium/equilibrium.h"
 
+#include <fmt/format.h>
+
+#include <limits>
+
 #include "graph/opaque_value.h"
 #include "graph/registry.h"
 #include "kernels/equilibrium/mesh_transfer.h"
@@ -214,6 +218,7 @@ class Equilibrium : public Node {
     context.set(points, Points{moved});
     context.set(state, std::move(end));
     context.set(report, describe(figures, figures_of(rest)));
+    if (!is_rest(figures.ended) && !context.wants(state)) context.warn(restless(figures, body.placement));  // For a start no rest is needed.
   }
 
  private:
@@ -278,6 +283,18 @@ class Equilibrium : public Node {
     Lattice lattice_here = bound;
     PortTraits<Lattice>::each_buffer(lattice_here, [&](auto& buffer) { buffer = context.on_host(buffer); });
     return prepare_equilibrium(context.executor(), tets_here, lattice_here, settings);
+  }
+
+  std::string restless(const EquilibriumFigures& figures, const Similarity& placement) const {
+    std::string text = fmt::format("not at rest after {} iterations: forces are off balance by {:.1e} (threshold {:.1e})", figures.iterations,
+                                   figures.gradient, threshold());
+    if (figures.unsettled.collider < std::numeric_limits<size_t>::max()) {
+      const Vec3d at = placement.apply(figures.unsettled.at);
+      text +=
+          fmt::format(", most at collider {} where the body at rest has ({:.4g}, {:.4g}, {:.4g})", figures.unsettled.collider + 1, at.x, at.y, at.z);
+    }
+    return text + (figures.ended == Ended::kIterationLimit ? "; more max_iterations, a coarser H or a collider that is in less deep would help"
+                                                           : "; no step makes it better: a coarser H or a collider that is in less deep would help");
   }
 
   static Report describe(const EquilibriumFigures& figures, const RestFigures& rest) {

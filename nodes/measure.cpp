@@ -1,5 +1,7 @@
 #include "kernels/measure.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -14,7 +16,8 @@ const char* const kManual = R"(Figures about a result: how deep it still is in t
 
 Lengths and volumes are in world units; names that end in _relative are fractions of the diagonal of M's box at rest, other ratios are plain fractions.
   penetration_max, penetration_rms      depth of M's vertices in the union of the colliders; vertices_inside: how many are in it
-  penetration_faces_max                 the deepest of `face_samples` points on every triangle (45 are a grid of 8 steps a side); only with face_samples
+  penetration_faces_max                 the deepest of `face_samples` points on every triangle; not with face_samples: 0
+  penetration_at, penetration_of        where the deepest of these is, as "x, y, z", and in which collider, the first being 1; where any is inside
   volume_rest, volume, volume_error     enclosed by M; error: volume / volume_rest - 1 (left out for a surface without volume)
   volume_tets_error                     the same of H                                      } these need `tets` and `points`
   stretch_mean, stretch_max             |L / L_rest - 1| over the edges of H               }
@@ -22,9 +25,11 @@ Lengths and volumes are in world units; names that end in _relative are fraction
   displacement_max                      how far the vertex that went farthest went
 
 Depths are exact where the collider's triangles are known (mesh_to_sdf gives them along), else they are samples of the SDF. Faces can be deeper than vertices:
-contact is made at M's vertices. A body that lies in the colliders with every vertex at rest has no right way out; a warning says so. Other reports are
+a warning says where one of them is deeper than 1e-3 of the diagonal. A body that lies in the colliders with every vertex at rest has no right way out; a warning says so. Other reports are
 merged in, later ones last. `volume_change`, for pictures, is H's local volume over its rest volume minus 1, at M's vertices; it needs `lattice` too, and is 0
 without.)";
+
+constexpr double kTooDeep = 1e-3;  // of the diagonal: a depth that is seen in a picture
 
 class Measure : public Node {
  public:
@@ -36,7 +41,10 @@ class Measure : public Node {
   OptionalIn<Lattice> lattice{this, "lattice", {.doc = "M in H, for volume_change"}};
   ManyIn<Report> reports{this, "report", {.doc = "reports to merge in: of the loop, of build_tets"}};
   Param<int> face_samples{
-      this, "face_samples", 0, {.min = 0, .max = 10000, .doc = "points on every triangle to look at; 0: vertices only; 45 is a good grid"}};
+      this,
+      "face_samples",
+      10,
+      {.min = 0, .max = 10000, .doc = "points on every triangle to look at, a grid: 10 are thirds of its sides, 45 eighths; 0: vertices only"}};
   Out<Report> report{this, "report", {.doc = "the figures"}};
   Out<Weights> change{this, "volume_change", {.shape = "vertices of M", .doc = "local volume of H over its rest volume, minus 1"}};
 
@@ -51,7 +59,7 @@ class Measure : public Node {
       figures.set(name, value);
       if (diagonal > 0) figures.set(name + "_relative", value / diagonal);
     };
-    measure_contact(context, before, after, with_relative, figures);
+    measure_contact(context, before, after, diagonal, with_relative, figures);
     measure_volume(context, before, after, diagonal, figures);
     with_relative("displacement_max", largest_displacement(context.executor(), before, after));
     context.set(change, Weights{measure_body(context, after, figures)});
@@ -62,7 +70,8 @@ class Measure : public Node {
 
  private:
   template <class WithRelative>
-  void measure_contact(Context& context, const Surface& before, const Surface& after, const WithRelative& with_relative, Report& figures) const {
+  void measure_contact(Context& context, const Surface& before, const Surface& after, double diagonal, const WithRelative& with_relative,
+                       Report& figures) const {
     if (context.count(sdf) == 0) return;
     ColliderDistance colliders;
     for (size_t i = 0; i < context.count(sdf); ++i) {
@@ -74,12 +83,28 @@ class Measure : public Node {
     with_relative("penetration_rms", depth.vertices_rms);
     figures.set("vertices_inside", static_cast<double>(depth.vertices_inside));
     if (face_samples() > 0) with_relative("penetration_faces_max", depth.faces_max);
+    tell_deepest(context, depth, colliders, diagonal, figures);
     const std::span<const Vec3f> at_rest = before.points.host();
     const auto swallowed = [&](const Vec3f& point) { return colliders(before.placement.apply(to_double(point))) < 0; };
     if (!at_rest.empty() && std::all_of(at_rest.begin(), at_rest.end(), swallowed))
       context.warn(
           "the colliders swallow the body: every vertex lies inside them at rest, and is pushed out wherever it is nearest; "
           "move or shrink the collider");
+  }
+
+  static void tell_deepest(Context& context, const Penetration& depth, const ColliderDistance& colliders, double diagonal, Report& figures) {
+    const double deepest = std::max(depth.vertices_max, depth.faces_max);
+    if (!(deepest > 0)) return;
+    const std::string at = fmt::format("{:.4g}, {:.4g}, {:.4g}", depth.deepest_at.x, depth.deepest_at.y, depth.deepest_at.z);
+    const size_t which = colliders.nearest(depth.deepest_at) + 1;
+    figures.set("penetration_at", at);
+    figures.set("penetration_of", static_cast<double>(which));
+    if (!(deepest > kTooDeep * diagonal)) return;
+    const bool faces = depth.vertices_max <= kTooDeep * diagonal;
+    context.warn(fmt::format("{} of the surface are inside collider {}, up to {:.2g} deep ({:.2g} of the diagonal), at ({}); {}",
+                             faces ? "faces" : "vertices", which, deepest, deepest / diagonal, at,
+                             faces ? "the surface is coarser there than the collider: a finer surface would do"
+                                   : "a body that comes to rest, and collide_sdf in mode project after it, have none"));
   }
 
   static void measure_volume(Context& context, const Surface& before, const Surface& after, double diagonal, Report& figures) {
@@ -105,6 +130,11 @@ class Measure : public Node {
       figures.set("stretch_mean", body.stretch_mean);
       figures.set("stretch_max", body.stretch_max);
       figures.set("inverted_tets", static_cast<double>(body.inverted));
+      if (body.inverted > 0)
+        context.warn(fmt::format(
+            "{} tets of H are inside out, so that the surface may be folded there: a coarser H, `split_pieces` where parts of the body are "
+            "close together, or a collider that is in less deep would help",
+            body.inverted));
     }
     const Lattice* bound = context.get(lattice);
     if (mesh && bound) return volume_change(context.executor(), now->values, *mesh, *bound);
@@ -114,6 +144,6 @@ class Measure : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(measure, Measure, 1, kManual)
+KNEAD_REGISTER(measure, Measure, 2, kManual)
 
 }  // namespace knead

@@ -298,6 +298,19 @@ Buffer<float> EquilibriumContacts::pressures() const {
   return pressures;
 }
 
+UnsettledContact EquilibriumContacts::most_unsettled() const {
+  const std::vector<float> multipliers = read(body_.multiplier, body_.count * samples()), distances = this->distances();
+  UnsettledContact most;
+  float largest = 0;
+  for (size_t i = 0; i < multipliers.size(); ++i) {
+    const float change = std::abs(body_.law.at(multipliers[i] - distances[i]).force - multipliers[i]);
+    if (!(change > largest)) continue;
+    largest = change;
+    most = {i / samples(), rest_.to_local.apply(to_double(rest_.samples.rest[i % samples()]))};
+  }
+  return most;
+}
+
 void EquilibriumContacts::stick() {
   if (body_.friction > 0) parallel_for(executor_, body_.count * samples(), CopyRows{body_.normal, stuck_.data_for_write()});
 }

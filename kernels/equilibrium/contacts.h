@@ -41,6 +41,9 @@ class EquilibriumContacts {
   bool by_entries() const { return body_.exits != nullptr; }
   void forget_entries() { body_.exits = nullptr; }
 
+  // The contact that an update of the multipliers would change most: its collider and its place on M at rest, M's local space; no collider where none would.
+  UnsettledContact most_unsettled() const;  // after evaluate
+
   // Pressures to begin with, and those of now, as EquilibriumState has them. To begin with friction, call find_entries at rest, then stick where samples have a force.
   void set_pressures(std::span<const float> contacts, double volume);
   Buffer<float> pressures() const;  // after evaluate

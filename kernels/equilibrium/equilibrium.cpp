@@ -51,6 +51,7 @@ class Solver {
     figures_.least_volume = now.least_volume;
     figures_.energy = now.energy - now.contact.energy;
     figures_.contacts = now.contact.active;
+    if (!is_rest(figures_.ended)) figures_.unsettled = contacts_.most_unsettled();
     figures_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return positions();
   }

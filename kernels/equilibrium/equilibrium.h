@@ -96,6 +96,11 @@ struct EquilibriumSettings {
   std::function<void()> check_cancelled;
 };
 
+struct UnsettledContact {
+  size_t collider = static_cast<size_t>(-1);
+  Vec3d at{0, 0, 0};
+};
+
 struct EquilibriumFigures {
   Ended ended = Ended::kNoContact;
   int iterations = 0;   // of all, those of the way in too
@@ -115,6 +120,8 @@ struct EquilibriumFigures {
   double energy = 0;        // of the deformed body, elastic and hold: that of contacts depends on how stiff they have become
   double volume = 0;        // the relative error of the enclosed volume; 0 when the volume is not kept
   size_t contacts = 0;      // contacts with a force
+  // Where the solve ended neither at rest nor in rounding: see EquilibriumContacts::most_unsettled.
+  UnsettledContact unsettled;
   double elastic_seconds = 0, contact_seconds = 0, direction_seconds = 0, renewal_seconds = 0, seconds = 0;
 };
 

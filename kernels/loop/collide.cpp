@@ -16,8 +16,10 @@
 namespace knead {
 namespace {
 
-constexpr float kBoxMargin = 3;       // voxels around the band: what central differences and rounding reach
-constexpr double kExactWithin = 1.8;  // voxels: within this of the surface a grid's value may be off by what its mesh decides
+constexpr float kBoxMargin = 3;         // voxels around the band: what central differences and rounding reach
+constexpr double kSampledWithin = 0.5;  // voxels: the points of one face that are this near to the deepest in the grid are looked at exactly
+constexpr double kSameWay = 0.5;        // cosine between two ways out of a collider that are taken as one
+constexpr double kExactWithin = 1.8;    // voxels: within this of the surface a grid's value may be off by what its mesh decides
 
 Similarity to_collider(const Sdf& sdf, const Similarity& body) {
   return sdf.placement.inverse() * body;
@@ -108,6 +110,7 @@ namespace {
 struct Contact {
   double depth = 0;    // below the margin, M's local units; positive: in collision
   Vec3d out{0, 0, 0};  // unit, M's local space
+  size_t collider = 0;
 };
 
 class Projector {
@@ -124,10 +127,38 @@ class Projector {
   Contact contact(const Vec3d& y) const {
     Contact deepest;
     for (size_t k = 0; k < views_.size(); ++k) {
-      const Contact one = contact(y, k);
+      Contact one = contact(y, k);
+      one.collider = k;
       if (one.depth > deepest.depth) deepest = one;
     }
     return deepest;
+  }
+
+  // The same in the fields' interpolants alone, which are off by part of a voxel; and the most that the part may be.
+  double sampled_depth(const Vec3d& y) const {
+    double deepest = -std::numeric_limits<double>::infinity();
+    for (const ColliderView& view : views_)
+      deepest = std::max(deepest, input_.margin - static_cast<double>(SdfSampler(view.sdf).value(view.to_index(to_float(y))) * view.scale));
+    return deepest;
+  }
+  // Whether nothing within `radius` of y can be in collision.
+  bool free_within(const Vec3d& y, double radius) const {
+    return std::all_of(views_.begin(), views_.end(), [&](const ColliderView& view) {
+      return SdfSampler(view.sdf).least(view.to_index(to_float(y))) * view.scale > input_.margin + radius;
+    });
+  }
+  double sampling_error() const {
+    double most = 0;
+    for (size_t k = 0; k < views_.size(); ++k)
+      most = std::max(most, kSampledWithin * static_cast<double>(input_.colliders[k]->voxel_size * views_[k].scale));
+    return most;
+  }
+
+  // The way out for a vertex of a face that is in contact: the smooth field's at the vertex, which turns slowly as the collider moves, where that leads out of
+  // the contact too.
+  Vec3d way_out(const Vec3f& vertex, const Contact& of_face) const {
+    const Vec3d own = to_double(CollidePush::outwards(views_[of_face.collider], vertex, false));
+    return dot(own, of_face.out) > kSameWay ? own : of_face.out;
   }
 
   // Moves p until it is outside, in float steps, and keeps the best place met. Returns how deep it still is.
@@ -177,13 +208,34 @@ class Projector {
   std::vector<Similarity> local_;
 };
 
-// Points of a triangle's barycentric grid other than its corners; weights of the first two corners.
+constexpr int kMostSampleSteps = 32;
+constexpr size_t kMostSamples = (kMostSampleSteps + 1) * (kMostSampleSteps + 2) / 2;
+
+// Points of a triangle's barycentric grid other than its corners; weights of the first two corners. At most kMostSampleSteps steps.
 std::vector<std::array<double, 2>> sample_weights(int n) {
+  n = std::min(n, kMostSampleSteps);
   std::vector<std::array<double, 2>> weights;
   for (int i = 0; i <= n; ++i)
     for (int j = 0; i + j <= n; ++j)
       if (i != n && j != n && i + j != 0) weights.push_back({static_cast<double>(i) / n, static_cast<double>(j) / n});
   return weights;
+}
+
+// Of the points of a triangle.
+Contact deepest_of(const Projector& projector, const std::vector<std::array<double, 2>>& weights, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  const Vec3d middle = (1.0 / 3) * (a + b + c);
+  if (projector.free_within(middle, 1.01 * std::max({length(a - middle), length(b - middle), length(c - middle)}))) return {};
+  std::array<double, kMostSamples> sampled;
+  const auto point = [&](size_t i) { return c + (a - c) * weights[i][0] + (b - c) * weights[i][1]; };
+  for (size_t i = 0; i < weights.size(); ++i) sampled[i] = projector.sampled_depth(point(i));
+  const double least = *std::max_element(sampled.begin(), sampled.begin() + static_cast<ptrdiff_t>(weights.size())) - projector.sampling_error();
+  Contact deepest;
+  for (size_t i = 0; i < weights.size(); ++i) {
+    if (sampled[i] < least) continue;
+    const Contact at = projector.contact(point(i));
+    if (at.depth > deepest.depth) deepest = at;
+  }
+  return deepest;
 }
 
 // Pushes triangles whose samples are inside: each vertex takes the deepest push among its triangles, then goes back outside itself. Gathered, so that
@@ -206,11 +258,7 @@ double push_samples(Executor& executor, const ProjectInput& input, const Project
       const uint32_t* corner = &input.triangles[3 * size_t{t}];
       if (!pushed[corner[0]] && !pushed[corner[1]] && !pushed[corner[2]]) return worst[t].depth;
       const Vec3d a = to_double(moved[corner[0]]), b = to_double(moved[corner[1]]), c = to_double(moved[corner[2]]);
-      worst[t] = {};
-      for (const auto& [u, v] : weights) {
-        const Contact at = projector.contact(c + (a - c) * u + (b - c) * v);
-        if (at.depth > worst[t].depth) worst[t] = at;
-      }
+      worst[t] = deepest_of(projector, weights, a, b, c);
       return worst[t].depth;
     });
     idle = deepest < 0.95 * least ? 0 : idle + 1;
@@ -222,7 +270,7 @@ double push_samples(Executor& executor, const ProjectInput& input, const Project
         if (worst[incident[k]].depth > push.depth) push = worst[incident[k]];
       pushed[v] = push.depth > 0;
       if (!pushed[v]) return;
-      moved[v] = to_float(to_double(moved[v]) + push.out * (push.depth + input.clearance));
+      moved[v] = to_float(to_double(moved[v]) + projector.way_out(moved[v], push) * (push.depth + input.clearance));
       projector.move_out(moved[v]);
     });
   }

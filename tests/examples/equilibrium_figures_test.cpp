@@ -32,13 +32,14 @@ void expect_good(Evaluator& evaluator, const std::string& node, int frame, int i
   EXPECT_LT(std::fabs(report.number("volume_error")), volume) << frame;
   EXPECT_EQ(report.number("inverted_tets"), 0) << frame;
   EXPECT_LE(report.number("penetration_max_relative"), 1e-4) << frame;
+  EXPECT_LE(report.number("penetration_faces_max_relative"), 1e-4) << frame;
 }
 
 TEST(EquilibriumFigures, TheHeadComesToRestWithItsVolume) {
   GraphSpec graph = example("head/head.yaml");
   graph.add("rest", "deform_equilibrium", {{"surface", "head"}, {"sdf", "solid"}});
   Evaluator evaluator = evaluator_of(graph);
-  for (const int frame : {24, 32, 48}) expect_good(evaluator, "rest", frame, 60, 1e-4);
+  for (const int frame : {24, 32, 48}) expect_good(evaluator, "rest", frame, 60, 3e-4);  // 1e-5 before faces are kept out of the fist too
 }
 
 TEST(EquilibriumFigures, TheCrushComesToRestWithItsVolume) {
