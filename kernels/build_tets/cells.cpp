@@ -4,6 +4,7 @@
 #include <array>
 #include <numeric>
 
+#include "graph/error.h"
 #include "kernels/surface/triangle_box.h"
 
 namespace knead {
@@ -117,6 +118,28 @@ std::vector<uint32_t> untouched_regions(const Octree& octree, std::span<const ui
 }
 
 }  // namespace
+
+void refine_along_surface(Octree& octree, const SoftBody& body, int depth) {
+  constexpr size_t kMostNodes = size_t{1} << 26;  // Each touched cell has a dozen tets or more, and H has at most 2^30.
+  std::vector<uint32_t> todo;
+  for (size_t t = 0; t < body.triangle_count(); ++t) {
+    const uint32_t* v = &body.triangles[3 * t];
+    todo.push_back(0);
+    while (!todo.empty()) {
+      const uint32_t index = todo.back();
+      todo.pop_back();
+      const OctreeNode node = octree.node(index);
+      const double half = 0.5 * node.size() + kTouchSlack;
+      if (node.level >= depth || !triangle_touches_box(body.points[v[0]], body.points[v[1]], body.points[v[2]], node.centre(), {half, half, half}))
+        continue;
+      if (node.is_leaf()) octree.split(index);
+      if (octree.nodes().size() > kMostNodes)
+        throw Error(ErrorCode::kMemory, "H would have more than " + std::to_string(kMostNodes) + " cells along the surface",
+                    "lower max_depth, or give max_vertices");
+      for (uint32_t child = 8; child-- > 0;) todo.push_back(octree.node(index).first_child + child);
+    }
+  }
+}
 
 Cells keep_cells(const Octree& octree, const SoftBody& body, const WindingNumber& winding, Executor& executor) {
   const std::vector<std::vector<Touch>> found = touches(octree, body, executor);

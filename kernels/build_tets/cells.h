@@ -20,6 +20,9 @@ inline bool is_inside(const WindingNumber& winding, const Vec3d& at) {
   return std::abs(winding.at(at)) > 0.5;
 }
 
+// Splits every leaf that a triangle of M touches down to `depth`. Throws Error(kMemory) when that takes more cells than H can have.
+void refine_along_surface(Octree& octree, const SoftBody& body, int depth);
+
 struct Cells {
   std::vector<uint32_t> nodes;      // octree leaf of each kept cell, in Morton order
   std::vector<uint32_t> of_node;    // cell of an octree node, or Octree::kNone

@@ -26,6 +26,7 @@ class Octree {
 
   // Splits every node above min_depth, and every node above max_depth that holds more than max_points of the sorted Morton keys.
   Octree(std::span<const uint64_t> sorted_keys, int min_depth, int max_depth, uint32_t max_points);
+  void split(uint32_t index);
   void balance();
 
   const std::vector<OctreeNode>& nodes() const { return nodes_; }
@@ -38,8 +39,6 @@ class Octree {
   uint32_t leaf_at(const Vec3d& unit) const;
 
  private:
-  void split(uint32_t index);
-
   std::vector<OctreeNode> nodes_;
   std::vector<std::vector<uint32_t>> inner_by_level_;
   int depth_ = 0;

@@ -110,6 +110,22 @@ TEST(BuildTets, ParametersReachTheKernel) {
   EXPECT_GE(row_length("mean_value"), 8u);
 }
 
+TEST(BuildTets, SaysWhereTheDepthThatWasAskedForIsNotReached) {
+  const Surface sphere = make_sphere(1, 3);
+  const auto warnings = [&](const Literal::Map& parameters, double depth) {
+    auto run = node(parameters);
+    run.give("surface", sphere).at(1);
+    EXPECT_EQ(run.result<Report>(4).number("depth"), depth);
+    return run.warnings;
+  };
+  const std::vector<std::string> said = warnings({{"max_depth", 7}}, 4);
+  ASSERT_EQ(said.size(), 1u);
+  for (const char* part : {"depth 4", "max_depth 7", "max_vertices = 4", "max_vertices: 0"}) EXPECT_NE(said[0].find(part), std::string::npos) << part;
+  EXPECT_TRUE(warnings({{"max_depth", 7}, {"max_vertices", 0}}, 7).empty());
+  EXPECT_TRUE(warnings({{"max_depth", 7}, {"min_depth", 7}}, 7).empty());
+  EXPECT_TRUE(warnings({}, 4).empty()) << "nobody asked";
+}
+
 TEST(BuildTets, PassesWarningsOnAndRefusesAMinDepthAboveTheMaxDepth) {
   Surface open = make_sphere(1, 2);
   std::vector<uint32_t> triangles = open.topology->triangles;

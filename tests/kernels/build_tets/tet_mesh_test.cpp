@@ -51,6 +51,27 @@ TEST(BuiltTets, HonoursItsDepths) {
   EXPECT_EQ(wrong(built(sphere, {.max_depth = 1, .min_depth = 0, .max_vertices = 100000}), sphere), "");
 }
 
+// However few vertices M has: a box of twelve triangles, a torus of large faces, a surface with a hole.
+TEST(BuiltTets, SplitsWhateverTheSurfaceTouchesWhereVerticesDoNotCount) {
+  const Surface torus = make_torus(0.6, 0.25, 16);
+  std::vector<uint32_t> open = torus.topology->triangles;
+  open.resize(open.size() - 30);
+  const Surface shapes[] = {make_box({1, 2, 3}, 1), torus, make_triangle_surface({torus.points.host().begin(), torus.points.host().end()}, open)};
+  for (const Surface& shape : shapes)
+    for (const int depth : {1, 3, 5}) {
+      const BuildTetsOptions options{.max_depth = depth, .min_depth = std::min(2, depth), .max_vertices = 0};
+      const BuiltTets build = built(shape, options);
+      EXPECT_EQ(wrong(build, shape), "");
+      EXPECT_EQ(build.depth, depth);
+      for (const uint32_t cell : build.cell_of_vertex) EXPECT_EQ(build.cells[cell].level, depth);
+      double cut = 0;  // Tets that M cuts are as small as they get, so that they hold little.
+      for (size_t t = 0; t < build.tets.tets.size(); ++t)
+        if (build.inside.host()[t] > 0.01f && build.inside.host()[t] < 0.99f)
+          cut = std::max(cut, static_cast<double>(build.tets.rest_volumes.host()[t]));
+      EXPECT_LE(cut, 1.0) << "cells of the finest level have an edge of 1";
+    }
+}
+
 // A copy of a closed body's cell where one cell would have done would show in the counts.
 TEST(BuiltTets, SplitsNothingWhereThereIsNoGap) {
   for (const Surface& shape : {make_sphere(1, 3), make_box({1, 1, 1}, 4), make_box({1, 0.004, 1}, 12)}) {
