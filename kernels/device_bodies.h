@@ -6,6 +6,7 @@
 #include "kernels/equilibrium/enclosed_volume_body.h"
 #include "kernels/equilibrium/gather_forces_body.h"
 #include "kernels/equilibrium/hessian_body.h"
+#include "kernels/equilibrium/keep_place_body.h"
 #include "kernels/equilibrium/lbfgs_body.h"
 #include "kernels/largest_move_body.h"
 #include "kernels/loop/collide_body.h"

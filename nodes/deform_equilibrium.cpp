@@ -32,7 +32,8 @@ const DeformGraph kGraph{
 )",
     .parameters = R"(  material: {default: stable_neo_hookean, doc: "the elastic energy: stable_neo_hookean, corotated or edges"}
   poisson_ratio: {default: 0.45, doc: "how well volume is kept everywhere; 0.5 cannot be reached"}
-  hold: {default: 20, doc: "pull to rest: 200 keeps dents local, 2 lets the whole body give way"}
+  hold: {default: 0, doc: "pull to rest, which bends the shape: 200 keeps dents local"}
+  keep_place: {default: true, doc: "what neither pins nor `hold` keep neither moves nor turns as a whole"}
   friction: {default: 0, doc: "above 0: skin clings to a collider"}
   entry: {default: [0, 0, 0], doc: "the way that the colliders came in, world; zero: told from M at rest"}
   contact_gap: {default: 2.0e-3, doc: "how far outside a collider its force begins, in diagonals"}
@@ -56,6 +57,7 @@ const DeformGraph kGraph{
     material: $material
     poisson_ratio: $poisson_ratio
     hold: $hold
+    keep_place: $keep_place
     friction: $friction
     entry: $entry
     margin: $margin
@@ -73,7 +75,7 @@ const DeformGraph kGraph{
 }  // namespace
 
 void register_deform_equilibrium(Registry& registry) {
-  registry.add({"deform_equilibrium", 1, kManual.text(), nullptr, [] {
+  registry.add({"deform_equilibrium", 2, kManual.text(), nullptr, [] {
                   static const GraphSpec group = read_graph_text(kGraph.text(), "the built-in graph of deform_equilibrium");
                   return group;
                 }});

@@ -47,12 +47,17 @@ const char* const kManual =
 The energy is elastic + hold + contact, every part dimensionless, so that a parameter means the same at any size and at any fineness of H:
   elastic  `material`: stable_neo_hookean (Smith, de Goes, Kim 2018), corotated, or edges (springs along H's edges); `poisson_ratio` says how well volume is
            kept: 0.45 lets flesh give a little; nearer to 0.5 is slower. What M encloses as a whole is kept by `keep_volume`
-  hold     a pull to rest, `hold`, over the body: 0 lets a free body be pushed aside as a whole, 20 keeps it, 200 keeps dents local. `pins` hold for good.
+  hold     a pull to rest, `hold`, over the body, 0 by default, since it bends the answer: it moves the contour of a torus squeezed between plates by 0.5 % of
+           the squeeze at 1, by 10 % at 20 (docs/convergence.md). 200 keeps dents local. `pins` hold for good.
   contact  every vertex of M outside every collider: a stiff force with a memory, the multiplier of an augmented Lagrangian, so that contacts end exact, not
            merely stiff. `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The force begins a little way
            outside, at `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps
            some gap.
            With `friction` skin clings to where it met the collider on its way in, and slides when pulled harder.
+
+What nothing holds, neither pins nor a pull, keeps its place (`keep_place`): every part of the body that hangs together neither moves nor turns in the mean,
+weighted by mass. A pull on its mass, even like weight, and a couple balance the colliders. Without, a free body against one collider is pushed aside as a
+whole, undented, and one between several finds its own place among them.
 
 H sticks out of M, and what sticks out is no flesh: connect `inside: tets.inside`, and each tet has stiffness, volume term and hold by its part inside M, at
 least `outside_stiffness` of it. Corners with little flesh follow the continuation of what their neighbours do (a ghost penalty, as finite elements on cut
@@ -114,6 +119,8 @@ class Equilibrium : public Node {
   Param<bool> keep_volume{
       this, "keep_volume", EquilibriumMaterial{}.keep_volume, {.doc = "M as a whole keeps the volume that it encloses; closed surfaces only"}};
   Param<double> hold{this, "hold", EquilibriumMaterial{}.hold, {.min = 0, .doc = "pull to rest, relative to stiffness over the diagonal squared"}};
+  Param<bool> keep_place{
+      this, "keep_place", EquilibriumMaterial{}.keep_place, {.doc = "what neither pins nor `hold` keep neither moves nor turns as a whole"}};
   Param<double> outside_stiffness{this,
                                   "outside_stiffness",
                                   EquilibriumMaterial{}.outside_stiffness,
@@ -245,6 +252,7 @@ class Equilibrium : public Node {
         .add(poisson_ratio())
         .add(hold())
         .add(keep_volume())
+        .add(keep_place())
         .add(contact_samples())
         .add(memory_limit())
         .add(outside_stiffness());
@@ -263,6 +271,7 @@ class Equilibrium : public Node {
     settings.poisson_ratio = poisson_ratio();
     settings.hold = hold();
     settings.keep_volume = keep_volume();
+    settings.keep_place = keep_place();
     settings.contact_samples = contact_samples();
     settings.memory_limit = 1e9 * memory_limit();
     settings.check_cancelled = [&] { context.check_cancelled(); };
@@ -327,6 +336,6 @@ class Equilibrium : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(equilibrium, Equilibrium, 1, kManual)
+KNEAD_REGISTER(equilibrium, Equilibrium, 2, kManual)
 
 }  // namespace knead

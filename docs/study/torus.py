@@ -170,7 +170,8 @@ def run_knead(knead, out, mesh, tets, press, is_weighted):
         nodes["press"]["inside"] = "tets.inside"
     (out / "graph.json").write_text(json.dumps({"knead": 1, "frames": "1", "nodes": nodes}))
     subprocess.run([knead, "run", out / "graph.json", "--threads", "1", "--out", out], check=True, capture_output=True)
-    return read_points(out / "now.obj"), json.loads((out / "stats.jsonl").read_text().splitlines()[-1])
+    reports = json.loads((out / "stats.jsonl").read_text().splitlines()[-1])["nodes"]
+    return read_points(out / "now.obj"), {**reports["tets"]["report"], **reports["figures"]["report"]}
 
 
 def main():

@@ -19,6 +19,7 @@ EquilibriumEnergy::EquilibriumEnergy(Executor& executor, const EquilibriumRest& 
       simd_(energy_simd(executor)),
       sums_(1, executor.memory()),
       contacts_(executor, rest, placement, colliders, settings, sums_.data_for_write(), seen_),
+      place_(executor, rest),
       forces_(executor, 4 * rest.stride),
       listed_at_(executor, rest.rows) {
   seen_.volume.stiffness = contacts_.volume_stiffness();
@@ -91,6 +92,9 @@ void EquilibriumEnergy::gather(Rows& u, Rows& gradient) {
          GatherForces{forces_.data(), t.incident_offsets, t.incident_corners, u.data(), t.hold, t.free, t.ghost_offsets, t.ghosts, t.ghost_values,
                       contacts_.forces_on_h(), contacts_.forces(), t.transpose_offsets, t.transpose_samples, t.transpose_weights, gradient.data(),
                       &sums().forces});
+  if (!place_.any()) return;
+  place_.balance_forces(gradient.data());
+  reduce(executor_, rest_.vertices, GradientSquares{gradient.data(), &sums().forces.squares});
 }
 
 void EquilibriumEnergy::look() {

@@ -8,6 +8,7 @@
 #include "kernels/equilibrium/contacts.h"
 #include "kernels/equilibrium/energy_simd.h"
 #include "kernels/equilibrium/energy_sums.h"
+#include "kernels/equilibrium/keep_place.h"
 #include "kernels/equilibrium/rows.h"
 
 namespace knead {
@@ -51,6 +52,7 @@ class EquilibriumEnergy {
   void measure(Rows& from, Rows& to, float* farthest) { reduce(executor_, rest_.vertices, Farthest{from.data(), to.data(), farthest}); }
 
   EquilibriumContacts& contacts() { return contacts_; }
+  KeepPlace& place() { return place_; }
   EquilibriumSums& sums() { return *sums_.data_for_write(); }  // in the executor's memory
   const EquilibriumSums& seen() const { return seen_; }        // what the host last saw of the sums
   const EnergySimd& simd() const { return simd_; }
@@ -70,6 +72,7 @@ class EquilibriumEnergy {
   Buffer<EquilibriumSums> sums_;
   EquilibriumSums seen_;
   EquilibriumContacts contacts_;
+  KeepPlace place_;
   Rows forces_, listed_at_;
   std::vector<ElasticSum> parts_;
   bool listed_ = false;

@@ -126,6 +126,7 @@ class Solver {
 
   Evaluation evaluate_at(const std::vector<Row4>& u, std::span<const float> pressures, double volume_pressure) {
     executor_.copy(u.data(), Device{}, minimiser_.u().data(), executor_.device(), u.size() * sizeof(Row4));
+    energy_.place().project(minimiser_.u().data());
     executor_.synchronise();
     contacts_.set_pressures(pressures, volume_pressure);
     energy_.forget_list();

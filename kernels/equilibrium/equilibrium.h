@@ -17,7 +17,8 @@ namespace knead {
 struct EquilibriumMaterial {
   ElasticTerm term = ElasticTerm::kStableNeoHookean;
   double poisson_ratio = 0.45;  // below 0.5; with `edges` it weighs volume against springs in the same proportion
-  double hold = 20;             // pull to rest: 0 none; a free body gives way as a whole below about 1
+  double hold = 0;              // pull to rest, of mu over M's diagonal squared
+  bool keep_place = true;       // What neither a pin nor the hold keeps has no mean displacement and no mean turn (kernels/equilibrium/keep_place.h).
   const Buffer<float>* stiffness_weights = nullptr;
   const Buffer<float>* volume_weights = nullptr;
   const Buffer<float>* hold_weights = nullptr;

@@ -28,22 +28,21 @@ void Lbfgs::remember(Rows& before, Rows& after, Rows& gradient_before, Rows& gra
   parallel_for(executor_, rest_.vertices, DampPair{changes_.data_for_write() + at, gradient_before.data(), sums_.data_for_write()});
 }
 
-void Lbfgs::renew_volume_term(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work) {
+void Lbfgs::renew_volume_term(const PlacedMetric& metric, const EquilibriumContacts& contacts) {
   keeps_volume_ = true;
   contacts.volume_gradient(volume_.data());
   parallel_for(executor_, rest_.vertices, CopyRows{volume_.data(), volume_solved_.data()});
-  metric.solve(executor_, lanes, volume_solved_.data(), work, grid);
+  metric.solve(volume_solved_.data());
   reduce(executor_, rest_.vertices, VolumeTermScale{volume_.data(), volume_solved_.data(), contacts.volume_compliance(), sums_.data_for_write()});
 }
 
-void Lbfgs::make(const Multigrid& metric, const EnergySimd& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope,
-                 Row4* work) {
+void Lbfgs::make(const PlacedMetric& metric, float scale, Rows& gradient, Rows& direction, double* slope) {
   const size_t n = rest_.vertices;
   LbfgsSums* sums = sums_.data_for_write();
   Row4 *g = gradient.data(), *d = direction.data();
   reduce(executor_, n, FirstLoop{pairs(), ring_, g, sums});
   parallel_for(executor_, n, WithoutChanges{pairs(), ring_, g, sums, d});
-  metric.solve(executor_, lanes, d, work, grid);
+  metric.solve(d);
   if (keeps_volume_) reduce(executor_, n, VolumeTermPart{volume_.data(), d, sums});
   reduce(executor_, n, SecondLoop{pairs(), ring_, keeps_volume_ ? volume_solved_.data() : nullptr, d, sums, scale});
   reduce(executor_, n, Downhill{pairs(), ring_, sums, g, d, slope});

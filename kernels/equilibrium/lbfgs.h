@@ -1,6 +1,7 @@
 // The directions of the equilibrium's minimisation (kernels/equilibrium/lbfgs_body.h): everything that L-BFGS remembers stays in the executor's memory.
 #pragma once
 #include "kernels/equilibrium/contacts.h"
+#include "kernels/equilibrium/keep_place.h"
 #include "kernels/equilibrium/lbfgs_body.h"
 #include "kernels/equilibrium/rows.h"
 
@@ -15,9 +16,9 @@ class Lbfgs {
   void forget() { ring_.pairs = 0; }
   bool remembers() const { return ring_.pairs > 0; }
   // What the enclosed volume adds to `metric`.
-  void renew_volume_term(const Multigrid& metric, const EnergySimd& lanes, const EquilibriumContacts& contacts, size_t grid, Row4* work);
-  // direction <- -(metric of the pairs) gradient; `slope`: their product, in the executor's memory. `grid`: of the metric, as solve has it.
-  void make(const Multigrid& metric, const EnergySimd& lanes, size_t grid, float scale, Rows& gradient, Rows& direction, double* slope, Row4* work);
+  void renew_volume_term(const PlacedMetric& metric, const EquilibriumContacts& contacts);
+  // direction <- -(metric of the pairs) gradient; `slope`: their product, in the executor's memory.
+  void make(const PlacedMetric& metric, float scale, Rows& gradient, Rows& direction, double* slope);
 
  private:
   PairRows pairs();

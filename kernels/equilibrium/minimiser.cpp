@@ -35,6 +35,7 @@ void EquilibriumMinimiser::renew_metric() {
     float* blocks = blocks_.data_for_write();
     energy_.contacts().make_blocks(blocks);
     metric_ = std::make_unique<Multigrid>(executor_, *rest_.grids, deformed_.gradients.empty() ? rest_.hessian : deformed_.now, blocks);
+    energy_.place().renew(*metric_, energy_.simd(), work_.data_for_write());
     ++figures_.metrics;
   }
   renew_volume_term();
@@ -52,12 +53,12 @@ void EquilibriumMinimiser::renew_for_shape() {
 
 void EquilibriumMinimiser::renew_volume_term() {
   volume_term_at_ = figures_.iterations;
-  if (energy_.contacts().keeps_volume()) lbfgs_.renew_volume_term(*metric_, energy_.simd(), energy_.contacts(), grid_, work_.data_for_write());
+  if (energy_.contacts().keeps_volume()) lbfgs_.renew_volume_term(metric(), energy_.contacts());
 }
 
 void EquilibriumMinimiser::make_direction() {
   ScopedTime time(figures_.direction_seconds);
-  lbfgs_.make(*metric_, energy_.simd(), grid_, static_cast<float>(scale_), gradient_, direction_, &energy_.sums().slope, work_.data_for_write());
+  lbfgs_.make(metric(), static_cast<float>(scale_), gradient_, direction_, &energy_.sums().slope);
 }
 
 bool EquilibriumMinimiser::search(const Evaluation& now, Evaluation& next) {

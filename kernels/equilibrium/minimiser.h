@@ -41,6 +41,7 @@ class EquilibriumMinimiser {
 
  private:
   void make_direction();
+  PlacedMetric metric() { return {executor_, *metric_, energy_.simd(), energy_.place(), grid_, work_.data_for_write()}; }
   bool search(const Evaluation& now, Evaluation& next);
 
   Executor& executor_;

@@ -207,17 +207,10 @@ void find_ghost_entries(EquilibriumRest& rest) {
   }
 }
 
-void make_ghosts(const Assembly& a, const std::vector<uint32_t>& permuted, EquilibriumRest& rest) {
+void make_ghosts(const Assembly& a, const std::vector<std::array<uint32_t, 4>>& corners, const std::vector<Vec3d>& at, EquilibriumRest& rest) {
   if (a.material_part.empty()) return;
-  const auto tets = a.tets.tets.host();
-  std::vector<std::array<uint32_t, 4>> corners(tets.size());
-  std::vector<float> stiffness(tets.size());
-  std::vector<Vec3d> at(permuted.size());
-  for (size_t v = 0; v < permuted.size(); ++v) at[permuted[v]] = to_double(a.tets.rest.host()[v]);
-  for (size_t t = 0; t < tets.size(); ++t) {
-    for (size_t c = 0; c < 4; ++c) corners[t][c] = permuted[tets[t][c]];
-    stiffness[t] = static_cast<float>(a.mu(t));
-  }
+  std::vector<float> stiffness(corners.size());
+  for (size_t t = 0; t < corners.size(); ++t) stiffness[t] = static_cast<float>(a.mu(t));
   rest.ghosts = ghost_penalty(corners, at, a.material_part, stiffness, kGhost);
 }
 
@@ -291,6 +284,18 @@ void make_hold(Executor& host, const Assembly& a, const std::vector<uint32_t>& p
   }
 }
 
+void find_floating_parts(const Assembly& a, const std::vector<std::array<uint32_t, 4>>& corners, const std::vector<Vec3d>& at,
+                         EquilibriumRest& rest) {
+  if (!a.material.keep_place) return;
+  std::vector<double> mass(rest.vertices);
+  std::vector<uint8_t> held(rest.vertices);
+  for (uint32_t p = 0; p < rest.vertices; ++p) {
+    mass[p] = a.mass[rest.vertex_at[p]];
+    held[p] = rest.hold[p] > 0 || rest.free[p] == 0;
+  }
+  rest.floating = floating_parts(corners, at, mass, held);
+}
+
 }  // namespace
 
 std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, const TetMesh& tets, const Lattice& lattice,
@@ -308,11 +313,17 @@ std::shared_ptr<const EquilibriumRest> prepare_equilibrium(Executor& executor, c
   std::vector<uint32_t> permuted(rest.vertices);
   for (uint32_t p = 0; p < rest.vertices; ++p) permuted[rest.vertex_at[p]] = p;
   make_tet_tables(assembly, permuted, rest);
-  make_ghosts(assembly, permuted, rest);
+  std::vector<std::array<uint32_t, 4>> corners(tets.tets.host().begin(), tets.tets.host().end());  // permuted, in the mesh's order
+  for (auto& tet : corners)
+    for (uint32_t& p : tet) p = permuted[p];
+  std::vector<Vec3d> at(rest.vertices);
+  for (uint32_t p = 0; p < rest.vertices; ++p) at[p] = to_double(tets.rest.host()[rest.vertex_at[p]]);
+  make_ghosts(assembly, corners, at, rest);
   material.check();
   rest.samples = make_samples(lattice, permuted, material.contact_samples, !on_host);
   material.check();
   make_hold(host, assembly, permuted, rest);
+  find_floating_parts(assembly, corners, at, rest);
   if (material.keep_volume) make_links(lattice, rest);
 
   const auto before_metric = std::chrono::steady_clock::now();
@@ -364,6 +375,12 @@ void EquilibriumRest::make_device_tables(Executor& executor) {
   on.weights = put(samples.weights);
   on.area = put(samples.area);
   on.transpose_weights = put(samples.transpose_weights);
+  on.part_of = put(floating.of_vertex);
+  on.mass = put(floating.mass);
+  on.arms = put(floating.arms);
+  on.part_inverse = put(floating.inverse);
+  on.members = put(floating.members);
+  for (size_t row = 0; row < floating.tree.size(); ++row) on.part_tree[row] = put(floating.tree[row]);
   on.rest = rest.view(executor.device()).data();
   on.sample_rest = put(samples.rest);
   executor.synchronise();  // other threads use them

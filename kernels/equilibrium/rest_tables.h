@@ -7,6 +7,7 @@
 
 #include "kernels/device_tables.h"
 #include "kernels/equilibrium/equilibrium.h"
+#include "kernels/equilibrium/floating_parts.h"
 #include "kernels/equilibrium/hessian_body.h"
 #include "kernels/multigrid/multigrid.h"
 #include "kernels/surface/mesh_distance.h"
@@ -29,10 +30,13 @@ struct SampleTable {
 // The tables that kernels read, in the memory of the executor that they run on; the names are those of EquilibriumRest and SampleTable.
 struct RestTables {
   const uint32_t *corners, *incident_offsets, *incident_corners, *offsets, *indices, *transpose_offsets, *transpose_samples, *link_offsets,
-      *link_edges, *vertex_at, *ghost_offsets, *ghosts;
-  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *transpose_weights, *guard, *ghost_values;
+      *link_edges, *vertex_at, *ghost_offsets, *ghosts, *part_of, *members;
+  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *transpose_weights, *guard, *ghost_values, *mass;
   const uint16_t *incident_entries, *ghost_entries;
   const Vec3f *rest, *sample_rest;
+  const Row4* arms;
+  const double* part_inverse;
+  const uint32_t* part_tree[FloatingParts::kMostRows];
 };
 
 // The second derivative as it follows a frame's shape, and what tells where that has changed since.
@@ -62,7 +66,8 @@ class EquilibriumRest {
   std::vector<float> hold;                                   // by permuted vertex, cells^-2 times cells^3
   std::vector<float> free;                                   // 1, or 0 for a pinned vertex
   bool any_pinned = false;
-  SampleTable samples;  // M's vertices first
+  FloatingParts floating;  // none where the body does not keep its place by itself
+  SampleTable samples;     // M's vertices first
   std::vector<uint32_t> link_offsets,
       link_edges;        // by vertex of M, its link: the other two corners of each of its triangles; empty for an open surface
   double stiffness = 0;  // sum of mu V0

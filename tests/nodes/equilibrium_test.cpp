@@ -108,7 +108,7 @@ TEST(Equilibrium, GoesTheWayInWhenABallIsHalfSunk) {
 }
 
 TEST(Equilibrium, IsHeldWhereHoldIsPainted) {
-  GraphSpec graph = pressed({{"hold_weights", "left"}});
+  GraphSpec graph = pressed({{"hold", 20.0}, {"hold_weights", "left"}});
   graph.add("left", "weights", {{"surface", "body"}, {"region", "plane"}, {"normal", Literal::List{1, 0, 0}}, {"inside", 10.0}, {"outside", 0.1}});
   Evaluator evaluator(compile(graph));
   const auto body = evaluator.get<Surface>("body", 2), result = evaluator.get<Surface>("press.surface", 2);

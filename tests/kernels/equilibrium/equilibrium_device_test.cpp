@@ -143,6 +143,7 @@ TEST_P(EquilibriumOnDevice, ComesInTheHostsWay) {
   deep.settings.penetration = 1e-6;
   compare(deep, "deep");
   Scene swept({above(0.9)});
+  swept.material.hold = 20;
   swept.settings.entry = {0, -1, 0};
   swept.settings.friction = 0.3;
   compare(swept, "given entry");
