@@ -1,11 +1,14 @@
 #include "app/common.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <ctime>
 #include <filesystem>
+#include <fstream>
+#include <sstream>
 
 #include "graph/iterate.h"
 #include "graph/report.h"
@@ -140,12 +143,33 @@ std::vector<Source> targets_of(const Plan& plan, const std::vector<std::string>&
   return targets;
 }
 
+namespace {
+
+double seconds_of(clockid_t clock) {
+  timespec time{};
+  ::clock_gettime(clock, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+// Since the process began: at least what it has computed; the system tells the beginning in ticks, of a hundredth of a second.
+double seconds_before_main() {
+  const double computed = seconds_of(CLOCK_PROCESS_CPUTIME_ID);
+  std::string stat;
+  std::getline(std::ifstream("/proc/self/stat"), stat);
+  std::istringstream words(stat.substr(std::min(stat.size(), stat.rfind(')') + 1)));
+  std::string word;
+  for (int field = 3; field < 22; ++field) words >> word;
+  double ticks = 0;
+  if (!(words >> ticks)) return computed;
+  const double tick = 1.0 / static_cast<double>(::sysconf(_SC_CLK_TCK));
+  return std::max(computed, seconds_of(CLOCK_BOOTTIME) - (ticks + 0.5) * tick);
+}
+
+}  // namespace
+
 double seconds_of_process() {
-  static const auto start = [] {
-    timespec spent{};
-    ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &spent);
-    return std::chrono::steady_clock::now() - std::chrono::seconds(spent.tv_sec) - std::chrono::nanoseconds(spent.tv_nsec);
-  }();
+  static const auto start = std::chrono::steady_clock::now() -
+                            std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds_before_main()));
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 

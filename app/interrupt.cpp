@@ -19,7 +19,7 @@ namespace knead::app {
 namespace {
 
 // A signal is answered within 0.2 s. Most nodes end in far less; what remains is for the end of the process itself.
-constexpr std::chrono::milliseconds kPatience{80}, kPatienceWithLines{30};
+constexpr std::chrono::milliseconds kPatience{50}, kPatienceWithLines{30};
 
 std::atomic<bool> asked{false};
 static_assert(std::atomic<bool>::is_always_lock_free);

@@ -56,7 +56,7 @@ class Run {
   template <class F>
   void keep_figures(Progress& progress, F&& write);
   void print_summary(const Progress& progress, double frames_seconds);
-  void say_nothing_touched();
+  std::string nothing_touched();
   bool is_unfinished() const { return done_ < frames_.size(); }
   void say_interrupted() const;
 
@@ -64,7 +64,7 @@ class Run {
   const std::shared_ptr<const Plan> plan_;
   const std::vector<int> frames_;
   const std::unique_ptr<Executor> executor_, host_;  // host_: for nodes that run on no device
-  Evaluator evaluator_;
+  std::unique_ptr<Evaluator> evaluator_;             // null when all frames are made and their figures told
   StatsFile stats_;
   const std::vector<std::string> outputs_;
   const std::vector<StatsNode> nodes_;
@@ -81,7 +81,7 @@ Run::Run(const RunArguments& arguments, std::shared_ptr<const Plan> plan, Strict
       frames_(frames_of(arguments, *plan_)),
       executor_(make_executor(arguments.device)),
       host_(executor_->device() == Device{} ? nullptr : make_cpu_executor(arguments.device.threads)),
-      evaluator_(plan_, evaluator_options()),
+      evaluator_(std::make_unique<Evaluator>(plan_, evaluator_options())),
       stats_((make_out_folder(arguments.graph.out), stats_path(arguments))),
       outputs_(wanted_outputs(*plan_, !arguments.graph.only.empty())),
       nodes_(stats_nodes(*plan_, targets_of(*plan_, outputs_))),
@@ -102,7 +102,8 @@ void Run::find_work() {
   for (const int frame : frames_) {
     if (interrupted()) return;
     const std::vector<FrameRecord> records = arguments_.resume ? stats_.earlier(frame) : std::vector<FrameRecord>();
-    const auto complete = std::find_if(records.begin(), records.end(), [&](const auto& record) { return is_complete(evaluator_, outputs_, record); });
+    const auto complete =
+        std::find_if(records.begin(), records.end(), [&](const auto& record) { return is_complete(*evaluator_, outputs_, record); });
     if (complete == records.end()) {
       to_do_.push_back(frame);
       continue;
@@ -130,7 +131,7 @@ void Run::frame_done(const FrameResult& result, Progress& progress) {
   made.only = arguments_.graph.only;
   keep_figures(progress, [&] {
     if (result.error) return;
-    made.key = evaluator_.frame_key(result.frame, outputs_, true).text();
+    made.key = evaluator_->frame_key(result.frame, outputs_, true).text();
     for (const std::string& path : files_of(*plan_, result.frame)) made.files.push_back(written_file(path));
   });
   const std::string line = stats_line(result, nodes_, made);
@@ -150,12 +151,12 @@ void Run::say_interrupted() const {
 }
 
 // A collider that lies in the body, or around it, presses nothing either.
-void Run::say_nothing_touched() {
-  const Placement placement = find_placement(evaluator_, frames_);
+std::string Run::nothing_touched() {
+  const Placement placement = find_placement(*evaluator_, frames_);
   for (const Reach& reach : placement.reaches)
-    if (!reach.enclosed.empty()) return;
-  fmt::print("nothing touched the body in any of these frames: are body and colliders of one size, and does the motion lead to the body?\n{}",
-             placement_text({{}, placement.reaches, {}, {}, placement.frames_looked_at}, frames_.size()));
+    if (!reach.enclosed.empty()) return {};
+  return fmt::format("nothing touched the body in any of these frames: are body and colliders of one size, and does the motion lead to the body?\n{}",
+                     placement_text({{}, placement.reaches, {}, {}, placement.frames_looked_at}, frames_.size()));
 }
 
 void Run::print_summary(const Progress& progress, double frames_seconds) {
@@ -165,14 +166,16 @@ void Run::print_summary(const Progress& progress, double frames_seconds) {
     return;
   }
   const size_t made = outcome_.good() + outcome_.failed();
-  const double seconds = progress.seconds();
+  const double seconds = progress.seconds(), reading = seconds_of_process() - seconds;
   fmt::print("{} in {:.2f} s", counted(made, "frame"), seconds);
   if (made > 0 && seconds > 0) fmt::print(" ({:.2f} frames/s)", static_cast<double>(made) / seconds);
   if (outcome_.skipped()) fmt::print(", {} skipped: complete already", outcome_.skipped());
   if (!outcome.empty()) fmt::print("\n{}", outcome);
-  const EvaluatorFigures figures = evaluator_.figures();
+  const EvaluatorFigures figures = evaluator_->figures();
+  const std::string warning = outcome_.without_contact() && !is_unfinished() ? nothing_touched() : std::string();
+  evaluator_.reset();  // the memory of all that it keeps takes time to give back
   const double total = seconds_of_process();
-  fmt::print("\n{}", times_text(figures, {total - seconds, frames_seconds, total}));
+  fmt::print("\n{}", times_text(figures, {reading, frames_seconds, total}));
   std::string evaluations;
   for (const auto& [type, times] : figures.evaluations) evaluations += fmt::format("{}{} {}", evaluations.empty() ? "" : ", ", type, times);
   fmt::print("cache: {} hits, {} misses; evaluated: {}\n", figures.cache.hits, figures.cache.misses, evaluations.empty() ? "nothing" : evaluations);
@@ -181,7 +184,7 @@ void Run::print_summary(const Progress& progress, double frames_seconds) {
                figures.by_nodes.bytes);
   fmt::print("figures: {}\n", stats_.path());
   if (!arguments_.graph.out.empty()) fmt::print("results: {}\n", arguments_.graph.out);
-  if (outcome_.without_contact() && !is_unfinished()) say_nothing_touched();
+  fmt::print("{}", warning);
 }
 
 int Run::operator()() {
@@ -197,7 +200,7 @@ int Run::operator()() {
   else
     for (const std::string& line : unused_nodes(*plan_)) progress.warn(line);
   const double before = progress.seconds();
-  evaluator_.evaluate_frames(to_do_, outputs_, true, [&](const FrameResult& result) { frame_done(result, progress); });
+  evaluator_->evaluate_frames(to_do_, outputs_, true, [&](const FrameResult& result) { frame_done(result, progress); });
   const double frames_seconds = progress.seconds() - before;
   keep_figures(progress, [&] { stats_.finish(); });
   progress.end_line();

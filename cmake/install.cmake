@@ -10,8 +10,8 @@ install(FILES LICENSE NOTICE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT knead
 
 # What a program outside may include. The engine's other headers are the compiler's, the evaluator's and the devices' own.
 set(KNEAD_PUBLIC_HEADERS
-    graph/api.h graph/buffer.h graph/cache.h graph/device_code.h graph/error.h graph/evaluator.h graph/executor.h graph/hash.h graph/literal.h graph/node.h
-    graph/opaque_value.h graph/param.h graph/plan.h graph/registry.h graph/report.h graph/spec.h graph/value.h
+    graph/api.h graph/buffer.h graph/cache.h graph/cancel.h graph/device_code.h graph/error.h graph/evaluator.h graph/executor.h graph/hash.h
+    graph/literal.h graph/node.h graph/opaque_value.h graph/param.h graph/plan.h graph/registry.h graph/report.h graph/spec.h graph/value.h
     kernels/neighbour_table.h kernels/parallel.h kernels/port_types.h kernels/shapes/primitives.h kernels/vec.h
     io/files.h io/graph_file.h io/libraries.h io/mesh/mesh_io.h io/schema.h io/stats.h)
 if(KNEAD_PICTURES)

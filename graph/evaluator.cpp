@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "graph/cancel.h"
 #include "graph/frame_context.h"
 
 namespace knead {
@@ -120,20 +121,25 @@ void Evaluator::Impl::run_node(FrameState& state, int i) {
   if (state.failed[index]) return;
   try {
     const auto start = std::chrono::steady_clock::now();
+    const auto asked = [this] { return cancelled(); };
+    const Cancellation cancellation(asked);
+    const CancellationScope scope(options.cancelled ? &cancellation : nullptr);
     FrameContext context(*this, state, i);
     context.check_cancelled();
     context.bring_inputs();
-    ++evaluations[index];
+    const bool parts_only = state.parts_only[index];
+    evaluations[index] += !parts_only;
     try {
-      context.evaluate();
+      parts_only ? node.node->make_parts(context) : context.evaluate();
     } catch (...) {
       let_end(context.executor());  // what it has launched reads what other threads may free once it has failed
       throw;
     }
     context.executor().synchronise();  // what is published is complete, for every thread
-    state.times[index].push_back({node.name, seconds_since(start), false});
+    state.times[index].push_back({node.name, std::max(0.0, seconds_since(start) - context.waited_seconds), false});
     seconds[index] += state.times[index].back().seconds;
-    state.shared_seconds[index] = context.shared_seconds;
+    state.shared_seconds[index] = parts_only ? state.times[index].back().seconds : context.shared_seconds;
+    if (parts_only) return;
     for (NodeTime& part : context.parts) state.times[index].push_back(std::move(part));
     merge(state.warnings[index], context.warnings);
     if (node.node->has_effect()) return;

@@ -19,7 +19,7 @@ namespace knead {
 
 struct NodeTime {
   std::string name;
-  double seconds = 0;   // in this frame
+  double seconds = 0;   // in this frame, without waiting for parts that another frame or node makes for all
   bool cached = false;  // the result was there already: of another frame, or of the set-up
   double set_up = 0;    // what the set-up of evaluate_frames spent on the node for all frames; no frame's `seconds` holds it
 };
@@ -49,7 +49,7 @@ struct EvaluatorOptions {
   Executor* host_executor = nullptr;  // where kHost nodes run; null: `executor` if that is a host executor, else a cpu executor of its own
   std::shared_ptr<Cache> cache;       // null: one of its own
   bool checked = false;               // prove that nodes read only what they declared, leave their inputs alone, and compute what is cached again
-  std::function<bool()> cancelled;    // asked often, from any thread
+  std::function<bool()> cancelled;    // asked often, from any thread (graph/cancel.h)
 };
 
 class KNEAD_API Evaluator {

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <queue>
 
+#include "graph/cancel.h"
 #include "graph/error.h"
 #include "graph/loop.h"
 
@@ -28,7 +29,10 @@ class HostExecutor : public Executor {
 
  protected:
   static void in_order(size_t n, size_t grain, FunctionRef<void(size_t, size_t)> range) {
-    for (size_t begin = 0; begin < n; begin += grain) range(begin, std::min(n, begin + grain));
+    for (size_t begin = 0; begin < n; begin += grain) {
+      if (n > grain) check_cancelled();
+      range(begin, std::min(n, begin + grain));
+    }
   }
 };
 
@@ -68,10 +72,15 @@ class CpuExecutor : public HostExecutor {
       in_order(n, grain, range);
       return;
     }
+    const Cancellation* cancellation = current_cancellation();
     arena_.execute([&] {
       tbb::this_task_arena::isolate([&] {
         const size_t pieces = (n + grain - 1) / grain;
-        tbb::parallel_for(size_t{0}, pieces, [&](size_t piece) { range(piece * grain, std::min(n, (piece + 1) * grain)); });
+        tbb::parallel_for(size_t{0}, pieces, [&](size_t piece) {
+          const CancellationScope scope(cancellation);
+          check_cancelled();
+          range(piece * grain, std::min(n, (piece + 1) * grain));
+        });
       });
     });
   }

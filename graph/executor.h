@@ -41,7 +41,8 @@ class KNEAD_API Executor {
   virtual MemoryResource& memory() = 0;
 
   // Calls range(begin, end) over [0, n) in pieces of `grain`, in any order, perhaps at once. The pieces depend on n and grain alone, never on the
-  // number of threads, so that a reduction over them is the same bits everywhere. Exceptions come out on the calling thread. Host executors only.
+  // number of threads, so that a reduction over them is the same bits everywhere. Exceptions come out on the calling thread, and Error(kCancelled) between
+  // two pieces (graph/cancel.h). Host executors only.
   virtual void parallel_ranges(size_t n, size_t grain, FunctionRef<void(size_t begin, size_t end)> range) = 0;
 
   // Runs task(i) for every i once all of its predecessors have run: `successors[i]` and `waits_for[i]` describe the graph. Independent tasks run at

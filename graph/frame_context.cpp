@@ -39,14 +39,21 @@ Value FrameContext::once(const Key& key, FunctionRef<Value()> make) {
   const Device device = executor_.device();
   Hasher hasher;
   hasher.add("once").add(plan_node().type->name).add(plan_node().type->version).add(device.kind).add(device.index).add(key);
+  const auto seconds_since = [](auto start) { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
+  const auto start = std::chrono::steady_clock::now();
+  double making = 0;
   const Value value = evaluator_.cache->once(hasher.key(), [&] {
-    const auto start = std::chrono::steady_clock::now();
+    const auto making_start = std::chrono::steady_clock::now();
     Value made = make();
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    std::lock_guard lock(mutex_);
-    shared_seconds += seconds;
+    making = seconds_since(making_start);
     return made;
   });
+  {
+    const double all = seconds_since(start);
+    std::lock_guard lock(mutex_);
+    shared_seconds += making;
+    waited_seconds += all - making;
+  }
   if (checked() && value.type()->content(value) != value.type()->content(make())) throw_differs("a shared part");
   return value;
 }

@@ -16,7 +16,8 @@ namespace knead {
 // What the nodes of one frame share while they run, perhaps at once.
 struct FrameState {
   FrameState(int f, const Plan& plan) : FrameState(f, plan, plan.nodes.size()) {}
-  FrameState(int f, const Plan& plan, size_t n) : frame(f), values(plan), keys(n), times(n), shared_seconds(n), errors(n), failed(n), warnings(n) {}
+  FrameState(int f, const Plan& plan, size_t n)
+      : frame(f), values(plan), keys(n), times(n), shared_seconds(n), errors(n), failed(n), parts_only(n), warnings(n) {}
 
   int frame;
   PlanValues values;
@@ -24,8 +25,9 @@ struct FrameState {
   std::vector<std::vector<NodeTime>> times;  // the node itself, then its parts
   std::vector<double> shared_seconds;        // of its time, what went into parts that frames share
   std::vector<std::optional<Error>> errors;
-  std::vector<char> failed;  // it, or something that it needs
-  bool in_order = false;     // nodes one after the other, on the calling thread
+  std::vector<char> failed;      // it, or something that it needs
+  std::vector<char> parts_only;  // makes the parts that frames share, and no outputs
+  bool in_order = false;         // nodes one after the other, on the calling thread
   // Of the node and of all that it stands on: a frame that finds a node in the cache does not look at what is behind it.
   std::vector<std::vector<std::string>> warnings;
 };
@@ -78,7 +80,8 @@ class FrameContext final : public PlanContext {
 
   std::vector<std::string> warnings;
   std::vector<NodeTime> parts;
-  double shared_seconds = 0;  // spent in what `once` made
+  double shared_seconds = 0;  // spent in what `once` made,
+  double waited_seconds = 0;  // and in waiting for what it made for others
 
  protected:
   int frame_number() const override { return state_.frame; }

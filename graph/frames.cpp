@@ -135,6 +135,21 @@ std::vector<int> Evaluator::run_frames(const std::vector<int>& frames, int at_on
   return starved;
 }
 
+namespace {
+
+// Per plan node: of these, which share parts, it need not be evaluated for them, since no other one stands on it.
+std::vector<char> made_without_outputs(const Plan& plan, const std::vector<Source>& sharing) {
+  std::vector<char> without(plan.nodes.size());
+  for (const Source source : sharing) {
+    std::vector<Source> others = sharing;
+    std::erase(others, source);
+    without[static_cast<size_t>(source.node)] = !plan.reached_from(others)[static_cast<size_t>(source.node)];
+  }
+  return without;
+}
+
+}  // namespace
+
 // Computes what the frames share: else each of those that run side by side would find it lacking and compute it, or wait for the one that does. What
 // does not depend on the frame comes first, then those nodes of the first frame that make parts for all.
 Evaluator::Prepared Evaluator::prepare(int first, const std::vector<std::string>& outputs, bool effects) {
@@ -161,6 +176,7 @@ Evaluator::Prepared Evaluator::prepare(int first, const std::vector<std::string>
   for (const std::vector<Source>* part : {&still, &moving}) {
     const auto part_start = std::chrono::steady_clock::now();
     FrameState state(first, plan());
+    if (part == &moving) state.parts_only = made_without_outputs(plan(), moving);
     try {
       impl_->fill(state, *part);
     } catch (...) {
@@ -175,6 +191,7 @@ Evaluator::Prepared Evaluator::prepare(int first, const std::vector<std::string>
       impl_->set_up[i] += shared;
       if (!nodes[i].frame_dependent) continue;
       shared_parts += shared;
+      if (state.parts_only[i]) continue;
       times.front().seconds -= shared;
       prepared.times[i] = std::move(times);
     }

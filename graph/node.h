@@ -154,9 +154,11 @@ class KNEAD_API Node {
   // Writes something outside the graph (a file): always run, never cached.
   virtual bool has_effect() const { return false; }
   virtual Runs runs() const { return Runs::kHost; }
-  // Most of its work is a part that all frames share (Context::once). The first frame's is made before others run beside it: these would only wait
-  // for the part, and it has all threads to itself.
+  // Much of its work is a part that all frames share (Context::once). It is made before frames run side by side, which would only wait for it, with all
+  // threads to itself, and counts as no frame's work: by `make_parts`, or by the first frame's evaluation where another such node needs its outputs.
   virtual bool shares_parts() const { return false; }
+  // Makes these parts, from the first frame's inputs; outputs are not kept.
+  virtual void make_parts(Context& context) const { evaluate(context); }
   // What became of an input or parameter that an earlier version had, for the error about it; empty: there was none.
   virtual std::string what_became_of(const std::string& /*member*/) const { return {}; }
   // Adds what the result depends on beside parameters and inputs: the contents of files. Called before every evaluation.

@@ -172,14 +172,16 @@ class Equilibrium : public Node {
     return member == "metric" ? "there is one metric now, for any size: leave it out" : std::string{};
   }
 
+  bool shares_parts() const override { return true; }
+  void make_parts(Context& context) const override { prepared(context, key(context)); }
+
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
-    const TetMesh& mesh = context.get(tets);
     const Lattice& bound = context.get(lattice);
     if (body.points.id() != bound.rest.points.id() && contents(context, body.points) != contents(context, bound.rest.points))
       throw Error(ErrorCode::kInput, "surface is not the one that the lattice binds", "connect the surface that build_tets has");
-    const Key rest_key = key(context, mesh, bound);
-    const Value shared = context.once(rest_key, [&] { return Value::of(PreparedRest{prepare(context, mesh, bound)}); });
+    const Key rest_key = key(context);
+    const Value shared = prepared(context, rest_key);
     const EquilibriumRest& rest = *shared.as<PreparedRest>().rest;
 
     std::vector<const Sdf*> colliders;
@@ -245,7 +247,14 @@ class Equilibrium : public Node {
     });
   }
 
-  Key key(Context& context, const TetMesh& mesh, const Lattice& bound) const {
+  // What belongs to the rest shape.
+  Value prepared(Context& context, const Key& key) const {
+    return context.once(key, [&] { return Value::of(PreparedRest{prepare(context)}); });
+  }
+
+  Key key(Context& context) const {
+    const TetMesh& mesh = context.get(tets);
+    const Lattice& bound = context.get(lattice);
     Hasher key;
     key.add("equilibrium")
         .add(material())
@@ -265,7 +274,9 @@ class Equilibrium : public Node {
     return key.key();
   }
 
-  std::shared_ptr<const EquilibriumRest> prepare(Context& context, const TetMesh& mesh, const Lattice& bound) const {
+  std::shared_ptr<const EquilibriumRest> prepare(Context& context) const {
+    const TetMesh& mesh = context.get(tets);
+    const Lattice& bound = context.get(lattice);
     EquilibriumMaterial settings;
     settings.term = term_of(material());
     settings.poisson_ratio = poisson_ratio();

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "graph/cancel.h"
 #include "io/mesh/raw_mesh.h"
 #include "kernels/surface/weld.h"
 
@@ -122,7 +123,9 @@ class CrossingSearch {
       for (int k = 0; k < 3; ++k) code |= spread(static_cast<uint64_t>(std::clamp(cell[k], 0.0, 2097151.0))) << k;
       keyed[t] = {code, t};
     }
+    check_cancelled();
     std::sort(keyed.begin(), keyed.end());
+    check_cancelled();
     const std::vector<uint32_t> place = first_at_same_place(points);
     triangles_.resize(keyed.size());
     boxes_.resize(keyed.size());
@@ -157,6 +160,7 @@ class CrossingSearch {
 
   void within(size_t index, size_t first, size_t last) {
     if (given_up()) return;
+    check_cancelled();
     if (last - first <= kLeaf) {
       for (size_t i = first; i < last; ++i)
         for (size_t j = i + 1; j < last; ++j) test(i, j);

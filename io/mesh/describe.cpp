@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "graph/cancel.h"
 #include "io/mesh/crossings.h"
 #include "io/mesh/raw_mesh.h"
 #include "kernels/surface/disjoint_sets.h"
@@ -113,7 +114,9 @@ std::vector<std::string> describe_problems(const Surface& surface) {
   if (!surface.topology || surface.topology->faces() == 0) return {"empty: there are no faces"};
   Findings found;
   examine_edges(*surface.topology, surface.vertices(), found);
+  check_cancelled();
   examine_pieces(surface, found);
+  check_cancelled();
   found.duplicates = count_duplicates(surface.points.host());
 
   if (found.duplicates > 0)

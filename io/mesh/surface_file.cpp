@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "graph/cancel.h"
 #include "graph/hash.h"
 #include "io/mesh/assimp.h"
 #include "io/mesh/raw_mesh.h"
@@ -121,6 +122,7 @@ Surface surface_from(RawMesh raw, const ReadMeshOptions& options, const std::str
 
   Surface surface;
   surface.placement.translation = stable_offset(raw.points, used);
+  check_cancelled();
   std::vector<Vec3f> points(raw.points.size());
   BadVertices bad;
   for (size_t i = 0; i < points.size(); ++i) {
@@ -130,8 +132,10 @@ Surface surface_from(RawMesh raw, const ReadMeshOptions& options, const std::str
   bad.raise(name);
   raw.points = {};
   if (options.weld || raw.weld) weld_vertices(points, raw);
+  check_cancelled();
 
   warn_of_triangulation(triangulate(points, raw.topology), warnings);
+  check_cancelled();
   if (raw.topology.triangles.empty())
     throw Error(ErrorCode::kInput, in_file(name), "none of its " + counted(raw.topology.faces(), "face", "faces") + " has any area",
                 "check the vertex positions");

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cstring>
 
+#include "graph/cancel.h"
 #include "graph/error.h"
 #include "io/vdb/vdb_module.h"
 
@@ -71,11 +72,13 @@ std::vector<Candidate> Builder::find_leaves(size_t most) const {
   std::vector<Candidate> found;
   if (!plan_.true_distances) {
     for (int x = box[0]; x < box[3]; ++x)
-      for (int y = box[1]; y < box[4]; ++y)
+      for (int y = box[1]; y < box[4]; ++y) {
+        check_cancelled();
         for (int z = box[2]; z < box[5]; ++z) {
           if (found.size() > most) return found;
           found.push_back({x * kSide, y * kSide, z * kSide, false, 0, ~0u});
         }
+      }
     return found;
   }
   // Cubes of leaves, halved level by level; what is far outside falls away early. Breadth first, so that a level's tests run at once.
@@ -214,6 +217,7 @@ Sdf Builder::build() {
   auto grid = openvdb::FloatGrid::create(static_cast<float>(plan_.band * plan_.voxel_size));
   for (auto& leaf : leaves)
     if (leaf) grid->tree().addLeaf(leaf.release());
+  check_cancelled();
   grid->setName("surface");
   grid->setGridClass(openvdb::GRID_LEVEL_SET);
   grid->setTransform(openvdb::math::Transform::createLinearTransform(1.0));  // Sdf holds the place; OpenVDB refuses voxels below 1e-5

@@ -5,6 +5,7 @@
 #include <map>
 #include <sstream>
 
+#include "graph/cancel.h"
 #include "io/vdb/file_grids.h"
 
 namespace knead::openvdb_side {
@@ -57,6 +58,23 @@ void take_grid(const openvdb::GridBase::Ptr& grid, FileGrid& to) {
   }
 }
 
+// OpenVDB knows no interrupter for reading: what it reads from says that nobody waits for it any more.
+class CancellableBytes : public std::stringbuf {
+ public:
+  explicit CancellableBytes(std::string bytes) : std::stringbuf(std::move(bytes), std::ios::in) {}
+
+ protected:
+  std::streamsize xsgetn(char* to, std::streamsize count) override {
+    check_cancelled();
+    return std::stringbuf::xsgetn(to, count);
+  }
+};
+
+openvdb::GridPtrVecPtr grids_of(std::istream& stream) {
+  stream.exceptions(std::ios::badbit);  // else it keeps the buffer's exceptions to itself
+  return openvdb::io::Stream(stream, false).getGrids();
+}
+
 class GridsInTurn {
  public:
   GridsInTurn(std::string_view bytes, Directory directory) : bytes_(bytes), directory_(std::move(directory)), next_(directory_.first) {}
@@ -107,12 +125,15 @@ class GridsInTurn {
     if (shares) shown += parts_[parent];
     const size_t before = shown.size();
     shown += bytes_.substr(begin, next_ == 0 ? std::string_view::npos : next_ - begin);
-    std::istringstream stream(std::move(shown));
+    CancellableBytes buffer(std::move(shown));
+    std::istream stream(&buffer);
     try {
-      const openvdb::GridPtrVecPtr grids = openvdb::io::Stream(stream, false).getGrids();
+      const openvdb::GridPtrVecPtr grids = grids_of(stream);
       take_grid(grids->back(), found);
       if (next_ == 0 && stream.good()) next_ = begin + (static_cast<size_t>(stream.tellg()) - before);
       parts_[unique] = bytes_.substr(begin, next_ - begin);
+    } catch (const Error&) {
+      throw;
     } catch (const std::exception& e) {
       found.refusal = std::string("cannot be read: ") + e.what();
       found.strange = true;
@@ -126,9 +147,10 @@ class GridsInTurn {
 };
 
 FileGrids read_old(std::string bytes) {
-  std::istringstream stream(std::move(bytes));
+  CancellableBytes buffer(std::move(bytes));
+  std::istream stream(&buffer);
   FileGrids file;
-  const openvdb::GridPtrVecPtr grids = openvdb::io::Stream(stream, false).getGrids();
+  const openvdb::GridPtrVecPtr grids = grids_of(stream);
   for (const openvdb::GridBase::Ptr& grid : *grids) {
     file.grids.push_back({grid->getName(), nullptr, {}});
     take_grid(grid, file.grids.back());

@@ -14,6 +14,7 @@
 #include <optional>
 #include <sstream>
 
+#include "graph/cancel.h"
 #include "graph/error.h"
 #include "io/files.h"
 #include "io/vdb/file_grids.h"
@@ -73,6 +74,7 @@ std::unique_ptr<MeshDistance> surface_of(const FloatGrid& grid, Executor& execut
   FloatGrid plain(grid);  // shares the tree
   plain.setTransform(transform);
   openvdb::tools::volumeToMesh(plain, points, quads, 0.0);
+  check_cancelled();
   if (quads.empty()) return nullptr;
   std::vector<Vec3f> positions;
   std::vector<uint32_t> triangles;
@@ -101,6 +103,7 @@ ReadSdf complete(const LevelSet& level_set, ReadSdf result, const std::string& p
     const double z = accessor.getValue(c.offsetBy(0, 0, 1)) - accessor.getValue(c.offsetBy(0, 0, -1));
     slope += std::sqrt(x * x + y * y + z * z) / (2 * placement.scale);
   }
+  check_cancelled();
   slope /= std::max<size_t>(1, slopes / 7);
   if (slopes / 7 > 0 && (slope < 0.7 || slope > 1.4))
     result.warnings.push_back(

@@ -142,10 +142,11 @@ TEST_F(Figures, SayWhereTheTimeWent) {
   const double total = std::stod(parts[1]), sum = std::stod(parts[2]) + std::stod(parts[3]) + std::stod(parts[4]) + std::stod(parts[5]);
   EXPECT_NEAR(sum, total, 0.021) << "rounded to hundredths";
   EXPECT_LE(total, wall + 0.01);
+  EXPECT_GE(total, 0.95 * wall - 0.1) << "of which a tenth of a second is the test's own, on a machine that does other things";
   EXPECT_THAT(ended.out, AllOf(HasSubstr("set-up by node: "), HasSubstr("press.tets"), HasSubstr("frames by node: "), HasSubstr("press.press")));
   for (const auto& line : stats()) {
     EXPECT_TRUE(line.at("nodes").at("press.tets").at("cached"));
-    EXPECT_GT(line.at("nodes").at("press.tets").at("set_up_seconds"), 0);
+    for (const char* node : {"press.tets", "press.press"}) EXPECT_GT(line.at("nodes").at(node).at("set_up_seconds"), 0) << node;
   }
 }
 
