@@ -21,10 +21,11 @@ struct Layout {
   int colours = 4;           // where vertices do not end with their lines: numbers of a vertex's colour
   int face_colours = 0;      // where faces do not
   bool late_edges = false;   // the third count stands on a later line than the second
+  bool bare = false;         // vertices are coordinates alone, whatever the letters before OFF say
 };
 
 // Layouts by how common they are. The last one, which is not exact, gives the errors.
-std::vector<Layout> layouts(bool coloured) {
+std::vector<Layout> layouts(bool coloured, bool lettered) {
   std::vector<Layout> result{{}};
   for (const bool late : {false, true}) {
     if (late) result.push_back({.late_edges = true});
@@ -35,12 +36,15 @@ std::vector<Layout> layouts(bool coloured) {
         if (!coloured && vertex_lines) break;
       }
   }
+  if (lettered)
+    for (const bool face_lines : {true, false}) result.push_back({.face_lines = face_lines, .bare = true});
   result.push_back({.exact = false});
   return result;
 }
 
 struct Kind {
-  bool normals = false, colours = false, texture = false, divisor = false, dimension = false, known = true;
+  bool normals = false, colours = false, texture = false, divisor = false, dimension = false;
+  bool has_letters() const { return normals || colours || texture || divisor; }
 };
 
 class OffReader {
@@ -48,7 +52,9 @@ class OffReader {
   OffReader(std::string_view bytes, const std::string& name) : bytes_(bytes), name_(name), start_(bytes, name) { header(); }
 
   RawMesh read(std::vector<std::string>& warnings) {
-    for (const Layout& layout : layouts(kind_.colours)) {
+    const Kind written = kind_;
+    for (const Layout& layout : layouts(written.colours, written.has_letters())) {
+      kind_ = layout.bare ? Kind{} : written;
       begin(layout);
       if (layout.late_edges && edges_known_) continue;
       try {
@@ -58,6 +64,10 @@ class OffReader {
           if (layout.exact) continue;
           rest_.add(text_->line());
         }
+        // Where no layout uses up the whole file, an element that does not begin a line might be made of another one's numbers.
+        if (!layout.exact && shared_.count() > 0)
+          text_->fail_at_line(shared_.first_line(), "the numbers of the file do not add up: elements share this line, which is too long or too short",
+                              "the file is damaged, or its counts are");
       } catch (const Error&) {
         if (!layout.exact) throw;
         continue;
@@ -121,7 +131,7 @@ class OffReader {
   void begin(const Layout& layout) {
     layout_ = layout;
     text_ = start_;
-    mesh_ = {}, bad_ = {}, numbers_ = {}, short_faces_ = {}, face_colours_ = {}, beside_ = {}, rest_ = {};
+    mesh_ = {}, bad_ = {}, numbers_ = {}, short_faces_ = {}, face_colours_ = {}, beside_ = {}, rest_ = {}, shared_ = {};
     vertices_ = count("the number of vertices");
     faces_ = count("the number of faces");
     edges_known_ = !text_->line_is_over();
@@ -156,8 +166,10 @@ class OffReader {
     std::optional<size_t> usual;
     MeshAttributes& attributes = mesh_.attributes;
     for (int64_t i = 0; i < vertices_; ++i) {
+      const int line_before = text_->line();
       if (!text_->more()) fail_short("vertex", i, vertices_);
       const int began = text_->line();
+      if (began == line_before) shared_.add(began);
       Vec3d p{};
       for (int k = 0; k < 3; ++k) p[k] = value("a coordinate");
       if (kind_.divisor) {
@@ -203,8 +215,10 @@ class OffReader {
     std::vector<double> more;
     MeshTopology& topology = mesh_.topology;
     for (int64_t f = 0; f < faces_; ++f) {
+      const int line_before = text_->line();
       if (!text_->more()) fail_short("face", f, faces_);
       const int began = text_->line();
+      if (began == line_before) shared_.add(began);
       const size_t first = topology.corners();
       const int64_t corners = text_->integer("the number of corners");
       if (corners < 0) text_->fail("a face has " + std::to_string(corners) + " corners; it needs at least three");
@@ -246,6 +260,7 @@ class OffReader {
       attributes.corner_texture.assign(corners.begin(), corners.end());
     if (attributes.corner_texture.empty()) attributes.texture_coordinates.clear();
     numbers_.warn(kind_.normals || kind_.texture ? "normals, texture coordinates and colours" : "colours", warnings);
+    if (layout_.bare) warnings.push_back("the letters before 'OFF' announce more of each vertex than the file holds");
     if (headless_) warnings.push_back("the file does not begin with 'OFF'; taken for OFF, since its counts fit");
     short_faces_.warn(warnings);
     beside_.warn("vertex with values that its kind of OFF has no place for: those are",
@@ -266,7 +281,7 @@ class OffReader {
   BadVertices bad_;
   AttributeNumbers numbers_;
   ShortFaces short_faces_;
-  LeftOut face_colours_, beside_, rest_;
+  LeftOut face_colours_, beside_, rest_, shared_;
 };
 
 }  // namespace

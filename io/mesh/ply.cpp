@@ -112,6 +112,7 @@ class PlyBody {
     if (vertex_texture_) attributes.texture_coordinates.resize(element.count);
     if (colours) attributes.vertex_colours.assign(element.count, {0, 0, 0, 1});
     const auto own = own_numbers(element, attributes.vertex_properties, has_meaning);
+    if (read_vertex_rows(element, own, has_meaning)) return;
     for (size_t i = 0; i < element.count; ++i) {
       values_.begin(element, i);
       for (size_t k = 0; k < element.properties.size(); ++k) {
@@ -119,9 +120,9 @@ class PlyBody {
         if (p.use == Use::kPosition)
           mesh_.points[i][p.part] = values_.number(p.type);
         else if (own[k])
-          own[k]->push_back(values_.number(p.type));
+          own[k]->push_back(own_number(p.type));
         else if (has_meaning(p))
-          read_attribute(p, i);
+          keep_attribute(p, i, values_.number(p.type));
         else
           skip(p);
       }
@@ -130,9 +131,39 @@ class PlyBody {
     }
   }
 
-  void read_attribute(const Property& p, size_t vertex) {
+  // One property of all vertices after the other, where the file allows it.
+  template <class HasMeaning>
+  bool read_vertex_rows(const Element& element, const std::vector<std::vector<double>*>& own, HasMeaning has_meaning) {
+    if constexpr (Values::kInRows) {
+      const Rows rows = values_.rows(element);
+      if (!rows.first) return false;
+      size_t offset = 0;
+      for (size_t k = 0; k < element.properties.size(); ++k) {
+        const Property& p = element.properties[k];
+        if (p.use == Use::kPosition)
+          Values::column(rows, offset, p.type, [&, part = p.part](size_t i, double v) { mesh_.points[i][part] = v; });
+        else if (own[k])
+          Values::column(rows, offset, p.type, [&numbers = *own[k]](size_t, double v) { numbers.push_back(v); });
+        else if (has_meaning(p))
+          Values::column(rows, offset, p.type, [&](size_t i, double v) { keep_attribute(p, i, v); });
+        offset += kTypeBytes[static_cast<size_t>(p.type)];
+      }
+      for (size_t i = 0; i < element.count; ++i) bad_.check(mesh_.points[i], i);
+      return true;
+    } else {
+      return false;
+    }
+  }
+
+  // In text a float has whatever digits its writer liked: the float that they mean is what is written again.
+  double own_number(Type type) {
+    const double value = values_.number(type);
+    const auto narrow = static_cast<float>(value);
+    return type == Type::kFloat && std::isfinite(narrow) ? static_cast<double>(narrow) : value;
+  }
+
+  void keep_attribute(const Property& p, size_t vertex, double value) {
     MeshAttributes& attributes = mesh_.attributes;
-    const double value = values_.number(p.type);
     const auto part = static_cast<size_t>(p.part);
     if (p.use == Use::kNormal) attributes.normals[vertex][p.part] = numbers_.clean(value);
     if (p.use == Use::kTexture) attributes.texture_coordinates[vertex][part] = numbers_.clean(value);
@@ -152,16 +183,15 @@ class PlyBody {
     for (size_t i = 0; i < element.count; ++i) {
       values_.begin(element, i);
       const size_t first = topology.corners();
-      bool corners_read = false;
       corner_numbers_.clear();
       for (size_t k = 0; k < element.properties.size(); ++k) {
         const Property& p = element.properties[k];
-        if (p.use == Use::kCorners && !std::exchange(corners_read, true))
+        if (p.use == Use::kCorners)
           read_corners(p, i);
         else if (p.use == Use::kCornerTexture)
           read_corner_texture(p);
         else if (own[k])
-          own[k]->push_back(values_.number(p.type));
+          own[k]->push_back(own_number(p.type));
         else
           skip(p);
       }
@@ -178,7 +208,11 @@ class PlyBody {
   }
 
   void read_corners(const Property& property, size_t face) {
-    for (size_t n = list_length(property); n > 0; --n) read_corner(values_.integer(property.type), "face", face);
+    std::vector<uint32_t>& corners = mesh_.topology.face_vertices;
+    const size_t n = list_length(property), first = corners.size();
+    corners.resize(first + n);
+    uint32_t* to = corners.data() + first;
+    values_.integers(property.type, n, [&](int64_t v) { *to++ = corner(v, "face", face); });
     if (mesh_.topology.corners() > INT32_MAX) values_.fail("the mesh has more than 2,147,483,647 corners");
   }
 
@@ -186,10 +220,10 @@ class PlyBody {
     values_.fail(std::string(kind) + " " + std::to_string(face) + " refers to vertex " + std::to_string(v) + "; PLY counts from 0");
   }
 
-  void read_corner(int64_t v, const char* kind, size_t face) {
+  uint32_t corner(int64_t v, const char* kind, size_t face) {
     if (v < 0 || v > INT32_MAX) fail_corner(v, kind, face);
     if (v > largest_.vertex) largest_ = {v, face, values_.line(), kind};
-    mesh_.topology.face_vertices.push_back(static_cast<uint32_t>(v));
+    return static_cast<uint32_t>(v);
   }
 
   // A strip's corner makes a triangle with the two before it, every other one turned round; -1 ends the strip. Triangles with a repeated corner only lead to
@@ -217,8 +251,7 @@ class PlyBody {
         continue;
       }
       const size_t first = corners.size();
-      read_corner(v, "strip", strip);
-      corners.pop_back();
+      corner(v, "strip", strip);
       if (last[0] >= 0) {
         for (const int64_t corner : {last[turned], last[!turned], v}) corners.push_back(static_cast<uint32_t>(corner));
         turned = !turned;
@@ -282,6 +315,7 @@ class PlyBody {
     }
     numbers_.warn("normals, texture coordinates and colours", warnings);
     header_.unknown_lines.warn("header line that is no PLY statement", "header lines that are no PLY statements", warnings);
+    if (!header_.taken_for_corners.empty()) warnings.push_back("the list '" + header_.taken_for_corners + "' is taken for the corners of the faces");
     short_faces_.warn(warnings);
     if (!left_out_.empty()) warnings.push_back(listed(left_out_) + " left out");
   }

@@ -40,12 +40,13 @@ struct Header {
   Encoding encoding = Encoding::kAscii;
   std::vector<Element> elements;
   LeftOut unknown_lines;
+  std::string taken_for_corners;  // the name of a list that is none of the known ones
 };
 
 // From the first line to the one after end_header.
 Header read_header(TextReader& text);
 
 std::optional<Type> type_named(std::string_view name);
-bool fits(Type type, double value);  // exactly; of fractions every number does
+bool fits(Type type, double value);  // exactly; a float fits when it stays finite
 
 }  // namespace knead::mesh::ply

@@ -1,4 +1,5 @@
 // PLY headers: elements, their properties, and what Knead takes each property for.
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -13,19 +14,21 @@ std::optional<Type> type_named(std::string_view name) {
       {"int", Type::kInt32},   {"int32", Type::kInt32},   {"uint", Type::kUint32},   {"uint32", Type::kUint32},
       {"float", Type::kFloat}, {"float32", Type::kFloat}, {"double", Type::kDouble}, {"float64", Type::kDouble}};
   for (const auto& [known, type] : kNames)
-    if (known == name) return type;
+    if (same_word(name, known)) return type;
   return {};
 }
 
 bool fits(Type type, double value) {
   static constexpr double kLeast[] = {-128, 0, -32768, 0, -2147483648.0, 0}, kMost[] = {127, 255, 32767, 65535, 2147483647.0, 4294967295.0};
   const auto i = static_cast<size_t>(type);
-  return type == Type::kFloat || type == Type::kDouble || (value >= kLeast[i] && value <= kMost[i] && value == std::floor(value));
+  if (type == Type::kFloat) return std::isfinite(static_cast<float>(value)) || !std::isfinite(value);
+  return type == Type::kDouble || (value >= kLeast[i] && value <= kMost[i] && value == std::floor(value));
 }
 
 namespace {
 
-void find_use(const std::string& element, Property& property) {
+// What the property is taken for, unless an earlier one of the element is that already.
+void find_use(const Element& element, Property& property) {
   struct Known {
     const char* name;
     Use use;
@@ -44,12 +47,28 @@ void find_use(const std::string& element, Property& property) {
                                         {"diffuse_red", Use::kColour, 0}, {"diffuse_green", Use::kColour, 1},
                                         {"diffuse_blue", Use::kColour, 2}};
   static constexpr Known kOfFace[] = {{"vertex_indices", Use::kCorners, 0}, {"vertex_index", Use::kCorners, 0}, {"texcoord", Use::kCornerTexture, 0}};
-  if (element == "vertex" && !property.list)
-    for (const Known& known : kOfVertex)
-      if (property.name == known.name) property.use = known.use, property.part = known.part;
-  if ((element == "face" || element == "tristrips") && property.list)
-    for (const Known& known : kOfFace)
-      if (property.name == known.name) property.use = known.use, property.part = known.part;
+  const auto take = [&](const Known& known) {
+    if (!same_word(property.name, known.name)) return;
+    for (const Property& other : element.properties)
+      if (other.use == known.use && other.part == known.part) return;
+    property.use = known.use, property.part = known.part;
+  };
+  if (element.name == "vertex" && !property.list) std::for_each(std::begin(kOfVertex), std::end(kOfVertex), take);
+  if ((element.name == "face" || element.name == "tristrips") && property.list) std::for_each(std::begin(kOfFace), std::end(kOfFace), take);
+}
+
+// Where no list of the faces has the name that the format asks for, the only list of whole numbers must be that of the corners.
+void find_corners(Element& element, Header& header) {
+  if ((element.name != "face" && element.name != "tristrips") || element.has(Use::kCorners, 1)) return;
+  Property* only = nullptr;
+  for (Property& p : element.properties) {
+    if (!p.list || p.use != Use::kNone || p.type == Type::kFloat || p.type == Type::kDouble) continue;
+    if (only) return;
+    only = &p;
+  }
+  if (!only) return;
+  only->use = Use::kCorners;
+  header.taken_for_corners = only->name;
 }
 
 Type read_type(TextReader& text) {
@@ -59,7 +78,7 @@ Type read_type(TextReader& text) {
   return *type;
 }
 
-Property read_property(TextReader& text, const std::string& element) {
+Property read_property(TextReader& text, const Element& element) {
   Property property;
   std::string_view word = text.word();
   if (word == "list") {
@@ -74,6 +93,9 @@ Property read_property(TextReader& text, const std::string& element) {
   property.name = text.word();
   if (property.name.empty()) text.fail("a property without a name");
   find_use(element, property);
+  if (element.name == "vertex" && !property.list && property.use == Use::kNone &&
+      (property.name == "x" || property.name == "y" || property.name == "z"))
+    text.fail("a second property '" + property.name + "' of 'vertex'", "the file is damaged, or the program that wrote it is");
   return property;
 }
 
@@ -95,27 +117,30 @@ Header read_header(TextReader& text) {
   bool format_known = false;
   while (text.next_line()) {
     const std::string_view keyword = text.word();
-    if (keyword == "end_header") {
+    if (same_word(keyword, "end_header")) {
       if (!format_known) text.fail("the header has no 'format' line");
+      for (Element& element : header.elements) find_corners(element, header);
       return header;
     }
-    if (keyword == "format") {
+    if (same_word(keyword, "format")) {
       const std::string_view format = text.word();
       if (format != "ascii" && format != "binary_little_endian" && format != "binary_big_endian") text.fail(shown(format) + " is no PLY format");
       header.encoding = format == "ascii" ? Encoding::kAscii : format == "binary_big_endian" ? Encoding::kBig : Encoding::kLittle;
       format_known = true;
-    } else if (keyword == "element") {
+    } else if (same_word(keyword, "element")) {
       Element element;
       element.name = text.word();
+      for (const char* known : {"vertex", "face", "tristrips"})
+        if (same_word(element.name, known)) element.name = known;
       const int64_t count = text.integer("a count");
       if (count < 0) text.fail("a negative count");
       element.count = static_cast<size_t>(count);
       header.elements.push_back(std::move(element));
-    } else if (keyword == "property") {
+    } else if (same_word(keyword, "property")) {
       if (header.elements.empty()) text.fail("a property before the first element");
       if (header.elements.back().properties.size() >= 1000) text.fail("more than a thousand properties");
-      header.elements.back().properties.push_back(read_property(text, header.elements.back().name));
-    } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
+      header.elements.back().properties.push_back(read_property(text, header.elements.back()));
+    } else if (!same_word(keyword, "comment") && !same_word(keyword, "obj_info") && !keyword.empty()) {
       unknown_line(text, keyword, header);
     }
   }

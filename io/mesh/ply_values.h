@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <type_traits>
 
 #include "io/mesh/ply.h"
 
@@ -14,6 +15,7 @@ inline int64_t whole(double v) {
 
 class AsciiValues {
  public:
+  static constexpr bool kInRows = false;
   explicit AsciiValues(TextReader& text) : text_(text) {}
 
   void begin(const Element& element, size_t index) {
@@ -42,6 +44,10 @@ class AsciiValues {
   }
 
   double number(Type) { return need(), text_.number("a value"); }
+  template <class F>
+  void integers(Type type, size_t n, const F& take) {
+    for (; n > 0; --n) take(integer(type));
+  }
   int64_t integer(Type type) {
     need();
     if (type != Type::kFloat && type != Type::kDouble) return text_.integer("a whole number");
@@ -68,6 +74,9 @@ class AsciiValues {
     return false;
   }
   void need() {
+    if (!text_.number_follows()) find_value();
+  }
+  [[gnu::noinline]] void find_value() {
     if (text_.line_is_over() && !more())
       text_.fail("the file ends at " + element_->name + " " + std::to_string(index_) + " of " + std::to_string(element_->count),
                  "the file is damaged or cut short");
@@ -80,37 +89,58 @@ class AsciiValues {
   bool shares_line_ = false, regular_ = true, misfit_is_short_ = false;
 };
 
+// Elements without lists, which lie in a binary file as rows of one size.
+struct Rows {
+  const char* first = nullptr;  // null: there are none
+  size_t bytes = 0;             // of one
+  size_t count = 0;
+};
+
 template <bool kSwap>
 class BinaryValues {
  public:
+  static constexpr bool kInRows = true;
   BinaryValues(std::string_view bytes, const std::string& name) : at_(bytes.data()), end_(at_ + bytes.size()), name_(name) {}
   void begin(const Element& element, size_t index) { element_ = &element, index_ = index; }
   void end() {}
   void finish() {}
   double number(Type type) {
-    switch (type) {
-      case Type::kFloat: return take<float>();
-      case Type::kDouble: return take<double>();
-      default: return static_cast<double>(integer(type));
-    }
+    return with_type(type, [&](auto zero) { return static_cast<double>(take<decltype(zero)>()); });
   }
   int64_t integer(Type type) {
-    switch (type) {
-      case Type::kInt8: return take<int8_t>();
-      case Type::kUint8: return take<uint8_t>();
-      case Type::kInt16: return take<int16_t>();
-      case Type::kUint16: return take<uint16_t>();
-      case Type::kInt32: return take<int32_t>();
-      case Type::kUint32: return take<uint32_t>();
-      case Type::kFloat: return whole(take<float>());
-      case Type::kDouble: return whole(take<double>());
-    }
-    return 0;
+    return with_type(type, [&](auto zero) { return as_whole(take<decltype(zero)>()); });
+  }
+  // take(v) for each of the next n values, whose bytes are there.
+  template <class F>
+  void integers(Type type, size_t n, const F& take_value) {
+    with_type(type, [&](auto zero) {
+      for (; n > 0; --n) take_value(as_whole(take<decltype(zero)>()));
+    });
   }
   void skip(Type type) {
     const size_t bytes = kTypeBytes[static_cast<size_t>(type)];
     if (left() < bytes) fail_short();
     at_ += bytes;
+  }
+
+  // All of the element, and on past it; none where it has lists or the file is too short, which the values one by one will say.
+  Rows rows(const Element& element) {
+    Rows rows{at_, 0, element.count};
+    for (const Property& p : element.properties) {
+      if (p.list) return {};
+      rows.bytes += kTypeBytes[static_cast<size_t>(p.type)];
+    }
+    if (rows.bytes == 0 || element.count > left() / rows.bytes) return {};
+    at_ += rows.bytes * element.count;
+    return rows;
+  }
+  // take(i, v) for the value of each row that stands `offset` bytes behind its beginning.
+  template <class F>
+  static void column(const Rows& rows, size_t offset, Type type, const F& take_value) {
+    with_type(type, [&](auto zero) {
+      const char* at = rows.first + offset;
+      for (size_t i = 0; i < rows.count; ++i, at += rows.bytes) take_value(i, static_cast<double>(value_at<decltype(zero)>(at)));
+    });
   }
   size_t left() const { return static_cast<size_t>(end_ - at_); }
   static size_t least_bytes(Type type) { return kTypeBytes[static_cast<size_t>(type)]; }
@@ -127,14 +157,41 @@ class BinaryValues {
   [[noreturn]] void fail_short() const {
     throw Error(ErrorCode::kFile, in_file(name_), place() + "the file ends here", "the file is damaged or cut short; export or copy it again");
   }
+  // f(a zero of that type)
+  template <class F>
+  static auto with_type(Type type, const F& f) {
+    switch (type) {
+      case Type::kInt8: return f(int8_t{});
+      case Type::kUint8: return f(uint8_t{});
+      case Type::kInt16: return f(int16_t{});
+      case Type::kUint16: return f(uint16_t{});
+      case Type::kInt32: return f(int32_t{});
+      case Type::kUint32: return f(uint32_t{});
+      case Type::kFloat: return f(float{});
+      case Type::kDouble: break;
+    }
+    return f(double{});
+  }
+  template <class T>
+  static int64_t as_whole(T v) {
+    if constexpr (std::is_floating_point_v<T>)
+      return whole(v);
+    else
+      return v;
+  }
+  template <class T>
+  static T value_at(const char* at) {
+    char raw[sizeof(T)];
+    std::memcpy(raw, at, sizeof(T));
+    if constexpr (kSwap) std::reverse(raw, raw + sizeof(T));
+    return std::bit_cast<T>(raw);
+  }
   template <class T>
   T take() {
     if (left() < sizeof(T)) fail_short();
-    char raw[sizeof(T)];
-    std::memcpy(raw, at_, sizeof(T));
-    if constexpr (kSwap) std::reverse(raw, raw + sizeof(T));
+    const T value = value_at<T>(at_);
     at_ += sizeof(T);
-    return std::bit_cast<T>(raw);
+    return value;
   }
 
   const char *at_, *end_;

@@ -1,5 +1,6 @@
 // Inside io/mesh_*.cpp only: what the formats share.
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -28,10 +29,13 @@ struct RawMesh {
 // Vertices whose coordinates are not finite, collected so that one error names them all.
 class KNEAD_API BadVertices {  // used by libknead_assimp too
  public:
-  void check(const Vec3d& p, size_t number, int line = 0);  // number from 1 in text formats of OBJ, from 0 else
-  void raise(const std::string& name) const;                // throws when there are any
+  void check(const Vec3d& p, size_t number, int line = 0) {  // number from 1 in text formats of OBJ, from 0 else
+    if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) add(number, line);
+  }
+  void raise(const std::string& name) const;  // throws when there are any
 
  private:
+  void add(size_t number, int line);
   size_t count_ = 0;
   int first_line_ = 0;
   std::string listed_;
@@ -40,7 +44,10 @@ class KNEAD_API BadVertices {  // used by libknead_assimp too
 // Replaces attribute values that are not finite (or do not fit a float) by zero and counts them; positions are refused instead.
 class AttributeNumbers {
  public:
-  float clean(double v);
+  float clean(double v) {
+    const auto narrow = static_cast<float>(v);
+    return std::isfinite(narrow) ? narrow : (++bad_, 0.0f);
+  }
   void warn(const char* what, std::vector<std::string>& warnings) const;
 
  private:

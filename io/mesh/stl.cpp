@@ -88,9 +88,10 @@ class AsciiStl {
   RawMesh read(std::vector<std::string>& warnings) {
     bool inside = false;
     while (text_.more()) {
-      const std::string_view word = text_.word();
-      if (same_word(word, "facet")) {
-        if (!inside && mesh_.topology.faces() > 0) text_.fail(shown(word) + " stands outside of a solid");
+      const bool is_facet = text_.take_word("facet");
+      const std::string_view word = is_facet ? "facet" : text_.word();
+      if (is_facet || same_word(word, "facet")) {
+        if (!inside) outside_.add(text_.line());
         facet();
       } else if (same_word(word, "solid")) {
         if (inside) unended_.add(text_.line());
@@ -99,13 +100,16 @@ class AsciiStl {
       } else if (same_word(word, "endsolid") || (same_word(word, "end") && text_.more() && same_word(text_.word(), "solid"))) {
         inside = pass_name();
       } else if (is_keyword(word)) {
-        text_.fail(shown(word) + (inside ? " stands where 'facet' should" : " stands outside of a solid"), "the file is damaged or cut short");
+        text_.fail(shown(word) + " stands where 'facet' should", "the file is damaged or cut short");
       } else {
         unknown_.add(text_.line(), std::string(word) + " " + std::string(text_.rest()));
       }
     }
     if (inside) unended_.add(text_.line());
     if (unended_.count() > 0) warnings.push_back("the file has no 'endsolid'; every facet is whole");
+    if (outside_.count() > 0)
+      warnings.push_back(counted(outside_.count(), "facet stands", "facets stand") + " outside of a solid (first: line " +
+                         std::to_string(outside_.first_line()) + "); every facet is whole");
     unknown_.warn("line that is no STL statement", "lines that are no STL statements", warnings);
     bad_.raise(text_.name());
     return std::move(mesh_);
@@ -119,7 +123,7 @@ class AsciiStl {
       const std::string_view word = text_.word();
       if (same_word(word, "facet") && !text_.line_is_over()) {
         const std::string_view next = text_.word();
-        const bool begins = same_word(next, "normal") || same_word(next, "outer") || same_word(next, "outerloop");
+        const bool begins = same_word(next, "normal") ? numbers_or_loop_follow() : same_word(next, "outer") || same_word(next, "outerloop");
         text_.back_to(begins ? word.data() : next.data());
         if (begins) return true;
       }
@@ -127,6 +131,16 @@ class AsciiStl {
     }
   }
 
+  // After "facet normal" in a line with a solid's name, which may hold these words too.
+  bool numbers_or_loop_follow() {
+    if (text_.line_is_over()) return false;
+    const std::string_view word = text_.word();
+    return same_word(word, "outer") || same_word(word, "outerloop") || (word[0] >= '+' && word[0] <= '9') || same_word(word.substr(0, 3), "nan");
+  }
+
+  void keyword(const char* wanted) {
+    if (!text_.more() || !text_.take_word(wanted)) expect(next(wanted), wanted);
+  }
   std::string_view next(const char* wanted) {
     if (!text_.more()) text_.fail(std::string("the file ends where '") + wanted + "' should stand", "the file is damaged or cut short");
     return text_.word();
@@ -136,6 +150,7 @@ class AsciiStl {
       text_.fail(shown(found) + " stands where '" + wanted + "' should", "the file is damaged or cut short");
   }
   void expect_end(const char* glued, const char* what) {
+    if (text_.more() && text_.take_word(glued)) return;
     const std::string_view word = next(glued);
     if (same_word(word, "end"))
       expect(next(what), what);
@@ -152,7 +167,7 @@ class AsciiStl {
     }
     if (!same_word(word, "outerloop")) {
       expect(word, "outer");
-      expect(next("loop"), "loop");
+      keyword("loop");
     }
     for (int corner = 0; corner < 3; ++corner) vertex();
     mesh_.close_face();
@@ -161,7 +176,7 @@ class AsciiStl {
   }
 
   void vertex() {
-    expect(next("vertex"), "vertex");
+    keyword("vertex");
     Vec3d p{};
     for (int k = 0; k < 3; ++k) {
       if (!text_.more()) text_.fail("the file ends where a coordinate should stand", "the file is damaged or cut short");
@@ -177,14 +192,20 @@ class AsciiStl {
   TextReader text_;
   RawMesh mesh_;
   BadVertices bad_;
-  LeftOut unended_, unknown_;
+  LeftOut unended_, outside_, unknown_;
 };
 
 bool looks_like_text(std::string_view bytes) {
   if (bytes.starts_with("\xef\xbb\xbf")) bytes.remove_prefix(3);
   const size_t first = bytes.find_first_not_of(" \t\r\n");
   if (first == std::string_view::npos) return false;
-  return same_word(bytes.substr(first, 5), "solid") || same_word(bytes.substr(first, 5), "facet");
+  if (same_word(bytes.substr(first, 5), "solid") || same_word(bytes.substr(first, 5), "facet")) return true;
+  // Somebody's own lines come first.
+  std::string head(bytes.substr(0, 4096));
+  if (std::any_of(head.begin(), head.end(), [](char c) { return c < ' ' && c >= 0 && c != '\t' && c != '\r' && c != '\n'; })) return false;
+  for (char& c : head) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  const size_t facet = head.find("facet");
+  return facet != std::string::npos && head.find("vertex", facet) != std::string::npos;
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "graph/cancel.h"
 #include "io/mesh/raw_mesh.h"
 
 namespace knead::mesh {
@@ -20,12 +21,12 @@ void settle_midpoint(const char* at, const char* end, double& value) {
   if (static_cast<float>(value) != nearest) value = std::nextafter(value, static_cast<double>(nearest));
 }
 
-// Without a DOS end-of-file byte and what follows: blanks, zeros and more of them.
+// Without a DOS end-of-file byte, or zeros that fill a block, and the blanks among them.
 std::string_view before_end_of_file_byte(std::string_view text) {
   size_t kept = text.size();
   for (size_t i = text.size(); i > 0; --i) {
     const char c = text[i - 1];
-    if (c == '\x1a') kept = i - 1;
+    if (c == '\x1a' || c == '\0') kept = i - 1;
     if (c != '\x1a' && c != '\0' && c != ' ' && c != '\t' && c != '\r' && c != '\n') break;
   }
   return text.substr(0, kept);
@@ -52,12 +53,13 @@ const char* parse_number(const char* at, const char* end, double& value) {
 TextReader::TextReader(std::string_view text, std::string name, BeginsStatement begins_statement)
     : name_(std::move(name)), begin_(text.data()), end_(begin_ + before_end_of_file_byte(text).size()), begins_statement_(begins_statement) {
   at_ = line_begin_ = line_end_ = next_ = begin_ + (text.starts_with("\xef\xbb\xbf") ? 3 : 0);
-  find_newline();
+  newline_ = first_from_next('\n');
+  return_ = first_from_next('\r');
 }
 
-void TextReader::find_newline() {
-  const void* found = next_ == end_ ? nullptr : std::memchr(next_, '\n', static_cast<size_t>(end_ - next_));
-  newline_ = found ? static_cast<const char*>(found) : end_;
+const char* TextReader::first_from_next(char c) const {
+  const void* found = next_ == end_ ? nullptr : std::memchr(next_, c, static_cast<size_t>(end_ - next_));
+  return found ? static_cast<const char*>(found) : end_;
 }
 
 bool TextReader::next_line() {
@@ -65,19 +67,20 @@ bool TextReader::next_line() {
     at_ = line_begin_ = line_end_ = end_;
     return false;
   }
+  if ((next_line_ & 0x3fff) == 0) check_cancelled();
   line_ = next_line_;
   at_ = line_begin_ = next_;
   for (;;) {
     // Lines end with \n, \r\n or, as old programs wrote, \r.
-    if (newline_ < next_) find_newline();
+    if (newline_ < next_) newline_ = first_from_next('\n');
+    if (return_ < next_) return_ = first_from_next('\r');
     const char* stop = newline_;
-    const auto* lone = static_cast<const char*>(std::memchr(next_, '\r', static_cast<size_t>(stop - next_)));
-    if (lone && lone + 1 < stop) stop = lone;
+    if (stop - return_ > 1) stop = return_;
     ++next_line_;
     line_end_ = stop;
     next_ = stop == end_ ? end_ : stop + 1;
     const char* last = line_end_;
-    while (last > line_begin_ && last[-1] == '\r') --last;
+    while (last > line_begin_ && (last[-1] == '\r' || (begins_statement_ && (last[-1] == ' ' || last[-1] == '\t')))) --last;
     if (!begins_statement_ || next_ == end_ || last == line_begin_ || last[-1] != '\\' || !joins_next(last)) return true;
   }
 }
@@ -120,16 +123,34 @@ void TextReader::fail_number(const char* what, const char* kind) const {
   while (stop < line_end_ && !is_blank(*stop)) ++stop;
   const std::string_view found(at_, static_cast<size_t>(stop - at_));
   if (found.empty() || found[0] == '#') fail(std::string("the line ends where ") + what + " should stand");
+  const size_t comma = found.find(',');
+  if (comma != std::string_view::npos && found.find_first_not_of("0123456789+-,eE") == std::string_view::npos)
+    fail(shown(found) + " stands where " + what + " should: not " + kind, "numbers are written with a point, and blanks stand between them");
   fail(shown(found) + " stands where " + what + " should: not " + kind);
 }
 
 double TextReader::number(const char* what) {
-  skip_blanks();
+  if (!number_follows()) skip_blanks();
   double value = 0;
   const char* after = parse_number(at_, line_end_, value);
-  if (!after || !ends_number(after)) fail_number(what, "a number");
+  if (!after || !ends_number(after)) {
+    after = fortran_number_at(value);
+    if (!after) fail_number(what, "a number");
+  }
   at_ = after;
   return value;
+}
+
+// Behind the number of a word with Fortran's exponent, 1.5D-3; null for other words.
+const char* TextReader::fortran_number_at(double& value) const {
+  std::string word(at_, std::find_if(at_, line_end_, [&](char c) { return is_blank(c); }));
+  const size_t mark = word.find_first_of("dD");
+  if (mark == std::string::npos) return nullptr;
+  word[mark] = 'e';
+  const char* after = parse_number(word.data(), word.data() + word.size(), value);
+  if (!after || after <= word.data() + mark) return nullptr;
+  after = at_ + (after - word.data());
+  return ends_number(after) ? after : nullptr;
 }
 
 // A comment may touch a digit; in "1.#IND", which some programs write for nan, the mark belongs to the word.
@@ -141,18 +162,30 @@ double TextReader::number_or_nan() {
   if (line_is_over()) return std::nan("");
   double value = 0;
   const char* after = parse_number(at_, line_end_, value);
-  if (after && ends_number(after)) return at_ = after, value;
+  if (!after || !ends_number(after)) after = fortran_number_at(value);
+  if (after) return at_ = after, value;
   word();
   return std::nan("");
 }
 
 int64_t TextReader::integer(const char* what) {
-  skip_blanks();
+  if (!number_follows()) skip_blanks();
   int64_t value = 0;
+  const char* at = at_;
+  const char* const stop = line_end_ - at_ > 18 ? at_ + 18 : line_end_;
+  for (unsigned digit = 0; at < stop && (digit = static_cast<unsigned>(*at) - '0') < 10; ++at) value = 10 * value + digit;
+  if (at > at_ && (at == line_end_ || *at == ' ' || *at == '/')) return at_ = at, value;  // nearly always
   const char* first = at_ < line_end_ && *at_ == '+' ? at_ + 1 : at_;
   const auto result = std::from_chars(first, line_end_, value);
   if (result.ec != std::errc{}) fail_number(what, "a whole number");
   at_ = result.ptr;
+  if (at_ < line_end_ && (*at_ == '.' || *at_ == 'e' || *at_ == 'E')) {  // 3.0, as programs write that have numbers of one type alone
+    double real = 0;
+    const char* after = parse_number(first, line_end_, real);
+    if (!after || !(std::abs(real) < 9e15) || real != std::floor(real)) at_ = first, fail_number(what, "a whole number");
+    at_ = after;
+    return static_cast<int64_t>(real);
+  }
   return value;
 }
 
@@ -190,8 +223,7 @@ TextWriter& TextWriter::point(const Surface& surface, size_t vertex) {
   return surface.placement.is_identity() ? vector(p) : vector(surface.placement.apply(to_double(p)));
 }
 
-void BadVertices::check(const Vec3d& p, size_t number, int line) {
-  if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) return;
+void BadVertices::add(size_t number, int line) {
   ++count_;
   if (count_ == 1) first_line_ = line;
   if (count_ > 5) return;
@@ -205,13 +237,6 @@ void BadVertices::raise(const std::string& name) const {
               counted(count_, "vertex has", "vertices have") + " a coordinate that is no finite number (nan or infinite): " + listed_ +
                   (count_ > 5 ? " and " + std::to_string(count_ - 5) + " more" : ""),
               "repair or remove them in the program that made the mesh");
-}
-
-float AttributeNumbers::clean(double v) {
-  const auto narrow = static_cast<float>(v);
-  if (std::isfinite(narrow)) return narrow;
-  ++bad_;
-  return 0;
 }
 
 void AttributeNumbers::warn(const char* what, std::vector<std::string>& warnings) const {

@@ -2,6 +2,7 @@
 #pragma once
 #include <charconv>
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,15 +25,30 @@ class TextReader {
   bool line_is_over() { return skip_blanks(), at_ == line_end_ || *at_ == '#'; }
   // On to the next value, on this line or a later one; false at the end of the text.
   bool more() {
+    if (number_follows()) return true;
     while (line_is_over())
       if (!next_line()) return false;
     return true;
+  }
+  // As nearly always in a mesh: at most one blank, then what a number begins with. For speed alone: false says nothing.
+  bool number_follows() {
+    if (at_ < line_end_ && *at_ == ' ') ++at_;
+    return at_ < line_end_ && *at_ >= '+' && *at_ <= '9';
   }
   std::string_view word();          // empty when the line is over
   std::string_view rest();          // of the line, without blanks at its ends, comments included
   double number(const char* what);  // "a coordinate"; infinities and nan are returned, not refused
   int64_t integer(const char* what);
   double number_or_nan();  // the next word as a number; nan for another word and for the line's end
+  // Passes over this very word, blanks before it included; false where another one stands.
+  bool take_word(std::string_view wanted) {
+    skip_blanks();
+    const auto left = static_cast<size_t>(line_end_ - at_);
+    if (left < wanted.size() || std::memcmp(at_, wanted.data(), wanted.size()) != 0) return false;
+    if (left > wanted.size() && !is_blank(at_[wanted.size()])) return false;
+    at_ += wanted.size();
+    return true;
+  }
   bool take(char c) { return at_ < line_end_ && *at_ == c ? (++at_, true) : false; }
   bool blank_or_over() const { return at_ == line_end_ || is_blank(*at_) || *at_ == '#'; }
   char peek() const { return at_ < line_end_ ? *at_ : '\0'; }
@@ -49,14 +65,15 @@ class TextReader {
   void skip_blanks() {
     while (at_ < line_end_ && is_blank(*at_)) ++at_;
   }
+  const char* fortran_number_at(double& value) const;
   bool ends_number(const char* after) const;
   bool joins_next(const char* last) const;
-  void find_newline();
+  const char* first_from_next(char c) const;
   [[noreturn]] void fail_number(const char* what, const char* kind) const;
 
   std::string name_;
   const char *begin_, *end_, *at_, *line_begin_, *line_end_, *next_;
-  const char* newline_;  // the first \n from next_ on, or the end
+  const char *newline_, *return_;  // the first \n and the first \r from next_ on, or the end
   int line_ = 0, next_line_ = 1;
   BeginsStatement begins_statement_;
 };

@@ -6,6 +6,7 @@
 #include <charconv>
 #include <functional>
 #include <random>
+#include <sstream>
 
 #include "tests/io/mesh/mesh_test_tools.h"
 
@@ -29,7 +30,7 @@ class Dialect {
   std::string number(float v) {
     char digits[64];
     std::string text(digits, std::to_chars(digits, digits + sizeof digits, v).ptr);
-    if (v == std::round(v) && text.find('e') == std::string::npos) text += one_of({"", ".", ".0", "e0", ".000E+00"});
+    if (v == std::round(v) && text.find('e') == std::string::npos) text += one_of({"", ".", ".0", "e0", ".000E+00", ".0D+00"});
     return (v > 0 && maybe(8) ? "+" : "") + text;
   }
   std::string word(std::string text) {
@@ -50,7 +51,7 @@ class Dialect {
     const std::string end = one_of({"\n", "\r\n", "\r"});
     std::string result = marks && maybe(4) ? "\xef\xbb\xbf" : "";
     for (const char c : text) c == '\n' ? result += end : result += c;
-    if (maybe(4)) result += one_of({"\x1a", "\x1a\x1a\x1a", "\x1a\n"});
+    if (maybe(4)) result += one_of<std::string>({"\x1a", "\x1a\x1a\x1a", "\x1a\n", std::string(5, '\0'), std::string("\n\0\x1a\0", 4)});
     return result;
   }
 
@@ -94,10 +95,28 @@ class MeshDialects : public ::testing::Test {
 TEST_F(MeshDialects, ObjIsTheSameMesh) {
   all_the_same("m.obj", mesh_, [&](Dialect& d) {
     std::string text;
-    const auto gap = [&] { return d.broken_ && d.maybe(6) ? " \\\n" + d.blank() : d.blank(); };
+    const auto gap = [&] { return d.broken_ && d.maybe(6) ? std::string(" \\") + d.one_of({"", "", " ", "\t"}) + "\n" + d.blank() : d.blank(); };
     const auto unused = [&] {
-      text += d.one_of({"", "", "", "g side\\\n", "o a # b\n", "usemtl C:\\skin\\\n", "s off\n", "$ made by hand\n", "version 2\n", "l 1 2\n",
-                        "p 1\n", "vn 1.#IND 0 0\n", "vn 0 0\n", "vt 0.5\n", "f 1 2\n", "f 3\n", "# f 1 2 3 \\\n", "\n", "mtllib a b.mtl\n"});
+      text += d.one_of({"",
+                        "",
+                        "",
+                        "g side\\\n",
+                        "o a # b\n",
+                        "usemtl C:\\skin\\\n",
+                        "s off\n",
+                        "$ made by hand\n",
+                        "version 2\n",
+                        "l 1 2\n",
+                        "p 1\n",
+                        "vn 1.D0 0 0\n",
+                        "vn 1.#IND 0 0\n",
+                        "vn 0 0\n",
+                        "vt 0.5\n",
+                        "f 1 2\n",
+                        "f 3\n",
+                        "# f 1 2 3 \\\n",
+                        "\n",
+                        "mtllib a b.mtl\n"});
     };
     const bool textured = d.maybe(2), shaded = d.maybe(2), negative = d.maybe(3), faces_first = !negative && d.maybe(6);
     const std::string extra = d.one_of({"", "", " 1", " 0.5 0.5 0.5", " 1 2", " 1 2 3 4 5 6"});
@@ -227,6 +246,83 @@ TEST_F(MeshDialects, PlyIsTheSameMesh) {
     header += "end_header\n";
     if (values.ascii) return d.finish(header + values.out, false);
     return header + values.out;
+  });
+}
+
+// Strips of the tube's quads: a, b, d, c makes the triangles a b d and d b c. They end at -1, in whatever type, or lead on over triangles without area.
+TEST_F(MeshDialects, PlyStripsAreTheSameTriangles) {
+  std::string faces_of_ply, vertices;
+  std::vector<std::vector<int32_t>> strips;
+  size_t triangles = 0;
+  const auto triangle = [&](int32_t a, int32_t b, int32_t c) {
+    faces_of_ply += "3 " + std::to_string(a) + " " + std::to_string(b) + " " + std::to_string(c) + "\n";
+    ++triangles;
+  };
+  for (size_t f = 0; f < faces(); ++f) {
+    const std::vector<uint32_t> v = corners(f);
+    const auto at = [&](size_t k) { return static_cast<int32_t>(v[k]); };
+    if (v.size() == 4) {
+      strips.push_back({at(0), at(1), at(3), at(2)});
+      triangle(at(0), at(1), at(3)), triangle(at(3), at(1), at(2));
+    } else {
+      for (size_t k = 1; k + 1 < v.size(); ++k) strips.push_back({at(0), at(k), at(k + 1)}), triangle(at(0), at(k), at(k + 1));
+    }
+  }
+  const std::string head = "element vertex " + std::to_string(mesh_.vertices()) + "\nproperty float x\nproperty float y\nproperty float z\n";
+  std::istringstream text(tools::format("m.ply", mesh_, {.ascii = true}));
+  for (std::string line; std::getline(text, line) && line != "end_header";) {
+  }
+  for (size_t v = 0; v < mesh_.vertices(); ++v) {
+    std::string line;
+    std::getline(text, line);
+    vertices += line + "\n";
+  }
+  const Surface expected = tools::parse("ply\nformat ascii 1.0\n" + head + "element face " + std::to_string(triangles) +
+                                            "\nproperty list uchar int vertex_indices\nend_header\n" + vertices + faces_of_ply,
+                                        "m.ply");
+  all_the_same("m.ply", expected, [&](Dialect& d) {
+    PlyValues values{d, d.maybe(2), d.maybe(2)};
+    const std::string type = d.one_of({"char", "short", "int", "uint", "ushort"});
+    const auto index = [&](int32_t v) {
+      if (values.ascii)
+        values.whole(v);
+      else if (type == "char")
+        values.raw(static_cast<int8_t>(v));
+      else if (type == "short" || type == "ushort")
+        values.raw(static_cast<int16_t>(v));
+      else
+        values.raw(v);
+    };
+    std::vector<std::vector<int32_t>> lists(1);
+    size_t run = 0;  // corners since the strip began: the next triangle turns the same way as the first where they are even
+    for (const std::vector<int32_t>& strip : strips) {
+      if (run > 0 && run % 2 == 0 && d.maybe(3)) {
+        lists.back().insert(lists.back().end(), {lists.back().back(), strip[0]});
+        run += 2;
+      } else if (run > 0) {
+        d.maybe(3) ? void(lists.emplace_back()) : lists.back().push_back(-1);
+        run = 0;
+      }
+      lists.back().insert(lists.back().end(), strip.begin(), strip.end());
+      run += strip.size();
+    }
+    for (const std::vector<int32_t>& list : lists) {
+      values.whole(static_cast<int32_t>(list.size()));
+      for (const int32_t v : list) index(v);
+      values.end();
+    }
+    std::string strips_body = std::move(values.out);
+    values.out.clear();
+    for (const knead::Vec3f& p : mesh_.points.host()) values.real(p.x), values.real(p.y), values.real(p.z), values.end();
+    const bool strips_first = d.maybe(3);
+    const std::string strip_head = "element tristrips " + std::to_string(lists.size()) + "\nproperty list int " + type + " vertex_indices\n";
+    const std::string header = std::string("ply\nformat ") +
+                               (values.ascii ? "ascii"
+                                : values.big ? "binary_big_endian"
+                                             : "binary_little_endian") +
+                               " 1.0\n" + (strips_first ? strip_head + head : head + strip_head) + "end_header\n";
+    const std::string body = strips_first ? strips_body + values.out : values.out + strips_body;
+    return values.ascii ? d.finish(header + body, false) : header + body;
   });
 }
 

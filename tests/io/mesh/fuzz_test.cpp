@@ -28,6 +28,24 @@ std::string with_own_properties(bool ascii) {
   return tools::format("own.ply", surface, {.ascii = ascii});
 }
 
+std::string big_endian_strips() {
+  std::string bytes =
+      "ply\nformat binary_big_endian 1.0\nelement tristrips 2\nproperty list uchar short indices\nelement Vertex 4\nproperty FLOAT x\nproperty float "
+      "y\n"
+      "property float z\nproperty uchar flags\nend_header\n";
+  const auto strip = [&](std::initializer_list<int> corners) {
+    bytes += static_cast<char>(corners.size());
+    for (const int v : corners) bytes += static_cast<char>(v >> 8), bytes += static_cast<char>(v);
+  };
+  strip({0, 1, 2, 3, 0, 1, -1, 0, 2, 1});
+  strip({1, 2, 3});
+  for (int v = 0; v < 4; ++v) {
+    for (int k = 0; k < 3; ++k) bytes += k + 1 == v ? std::string("\x3f\x80\0\0", 4) : std::string(4, '\0');
+    bytes += static_cast<char>(v);
+  }
+  return bytes;
+}
+
 std::vector<Sample> samples() {
   const Surface plain = tools::wavy_tube(6, 4), decorated = tools::decorated_tube(true);
   return {
@@ -43,12 +61,17 @@ std::vector<Sample> samples() {
       {"strips.ply",
        "ply\nformat ascii 1.0\nmade by a test\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\n"
        "property list int int vertex_indices\nend_header\n0 0 0 1\n0 0 0 1\n0\n0 0 1\n10 0 1 2 3 0 1 -1 0 2 1\n"},
+      {"strips_big.ply", big_endian_strips()},
       {"side.obj",
        "\xef\xbb\xbf$ made\nmtllib a\\\nv 0 0 0 # c\nv 1 0 0 1 2\nV 0 1 0\nv 0 0 \\\n1\nvn 1 0\nf 1/1/1 3/ 2\nf 1// 2//1 4\nf 1 4\nf 2 3 4 # c\n"
        "F 3 1 4\nl 1 2\nend of it\n\x1a"},
       {"side.stl",
        "SOLID a facet b\nFACET NORMAL 0 0 1 OUTER LOOP VERTEX 0 0 0 VERTEX 1 0 0\nvertex 0 1 0\nend loop end facet\ncolour 1 2\nend solid\nsolid b\n"
        "facet\nouterloop\nvertex 0 0 0\nvertex 0 1 0\nvertex 0\n0 1\nendloop endfacet\n"},
+      {"bare.off", "NOFF\n4.0 4 0\n0 0 0\n1.D0 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3.0\n"},
+      {"loose.stl",
+       "<made>\nsolid facet normal of x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1.0D0 0\nendloop\nendfacet\nendsolid\n"
+       "facet outer loop vertex 0 0 0 vertex 0 1 0 vertex 0 0 1 endloop endfacet\n"},
       {"glued.off", "OFF4 4\n0 0 0 1 0 0 # c\n0 1 0\n0 0\n1\n3 0 2 1 3 0 1 3\n3\n1 2 3 3 2 0 3\n"},
       {"sides.off",
        "stnc4off\n4\n4\n6\n0 0 0 1 0 0 1 9 9 9 0 0\n1 0 0 1 0 0 1 9 9 9 1 0\n0 1 0 1 0 0 1 9 9 9 0 1\n0 0 1 1 0 0 1 9 9 9 1 1\n3 0 2 1 255 0 0\n"
@@ -102,9 +125,10 @@ TEST(MeshFuzz, CutFilesAreReadOrRefused) {
 }
 
 TEST(MeshFuzz, MutatedFilesAreReadOrRefused) {
-  static const char* const kWords[] = {"nan",          "-1",  "0",          "99999999", "1e308", "\n",    " ",     "-",          "/",
-                                       "\\\n",         "#",   "4294967296", "1e-320",   "\r",    "f 1 2", "list",  "\x00\xff",   "\x1a",
-                                       "\xef\xbb\xbf", "OFF", "end",        "solid ",   "# ",    "/0",    "1e400", "comment c\n"};
+  static const char* const kWords[] = {"nan",    "-1",  "0",      "99999999", "1e308",    "\n",    " ",
+                                       "-",      "/",   "\\\n",   "#",        "D+00",     "\\ \n", "4294967296",
+                                       "1e-320", "\r",  "f 1 2",  "list",     "\x00\xff", "\x1a",  "\xef\xbb\xbf",
+                                       "OFF",    "end", "solid ", "# ",       "/0",       "1e400", "comment c\n"};
   std::mt19937 random(20240601);
   const auto below = [&](size_t n) { return n ? random() % n : 0; };
   size_t refused = 0, tried = 0;

@@ -27,7 +27,7 @@ TEST(MeshParse, ObjErrorsNameLineAndColumn) {
     const char* said;
   } cases[] = {{"f 1 2 three", 7, "'three'"},
                {"f 1 2 3x", 8, "written as"},
-               {"f 1 2 1e0", 8, "written as"},
+               {"f 1 2 1x0", 8, "written as"},
                {"f 1 2 0", 8, "counts from 1"},
                {"f 1 2 -4", 9, "only 3 so far"},
                {"f 1 2 99999999999", 18, "more than a mesh can have"},
@@ -122,7 +122,7 @@ TEST(MeshParse, PlyHeadersAreChecked) {
   EXPECT_THAT(with("float x", "real x"), HasSubstr("no PLY type"));
   EXPECT_THAT(with("property float y", "proprety float y"), HasSubstr("no PLY header statement"));
   EXPECT_THAT(with("float x", "float w"), HasSubstr("no x, y and z"));
-  EXPECT_THAT(with("vertex_indices", "corners"), HasSubstr("vertex_indices"));
+  EXPECT_THAT(with("int vertex_indices", "float corners"), HasSubstr("vertex_indices"));
   EXPECT_THAT(with("uchar int", "float int"), HasSubstr("fractional length"));
   EXPECT_THAT(with("vertex 3", "vertex 4000000000"), HasSubstr("cannot hold them"));
   EXPECT_THAT(with("vertex 3", "vertex -3"), HasSubstr("negative"));

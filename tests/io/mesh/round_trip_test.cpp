@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <map>
+#include <sstream>
 
 #include "io/files.h"
 #include "tests/io/mesh/mesh_test_tools.h"
@@ -48,24 +50,41 @@ std::vector<std::array<float, 3>> corner_normals(const Surface& s) {
   return values;
 }
 
-// Every byte of a number turned round, by the header's own account.
+// Every number's bytes turned round, as the header lays them out. Counts of lists are of one byte.
 std::string big_endian(const std::string& little) {
+  const std::map<std::string, size_t> bytes_of = {{"char", 1}, {"uchar", 1}, {"short", 2}, {"ushort", 2},
+                                                  {"int", 4},  {"uint", 4},  {"float", 4}, {"double", 8}};
+  struct Property {
+    bool list;
+    size_t bytes;
+  };
+  std::vector<std::pair<size_t, std::vector<Property>>> elements;
   const size_t body = little.find("end_header\n") + 11;
+  std::istringstream header(little.substr(0, body));
+  for (std::string line, word, type; std::getline(header, line);) {
+    std::istringstream words(line);
+    words >> word >> type;
+    if (word == "element") words >> (elements.emplace_back(), elements.back().first);
+    if (word != "property") continue;
+    const bool list = type == "list";
+    if (list) words >> type >> type;
+    elements.back().second.push_back({list, bytes_of.at(type)});
+  }
   std::string big = little.substr(0, body);
   big.replace(big.find("little"), 6, "big");
-  size_t vertices = 0, real = 4, at = body;
-  sscanf(little.c_str() + little.find("element vertex"), "element vertex %zu", &vertices);
-  if (little.find("double x") != std::string::npos) real = 8;
+  size_t at = body;
   const auto turn = [&](size_t bytes) {
     big.append(little.rbegin() + static_cast<long>(little.size() - at - bytes), little.rbegin() + static_cast<long>(little.size() - at));
     at += bytes;
   };
-  for (size_t i = 0; i < 3 * vertices; ++i) turn(real);
-  while (at < little.size()) {
-    const auto corners = static_cast<unsigned char>(little[at]);
-    turn(1);
-    for (unsigned k = 0; k < corners; ++k) turn(4);
-  }
+  for (const auto& [count, properties] : elements)
+    for (size_t i = 0; i < count; ++i)
+      for (const Property& p : properties) {
+        size_t values = 1;
+        if (p.list) values = static_cast<unsigned char>(little[at]), turn(1);
+        while (values-- > 0) turn(p.bytes);
+      }
+  EXPECT_EQ(at, little.size());
   return big;
 }
 
@@ -125,6 +144,45 @@ TEST(MeshRoundTrip, BigEndianPlyIsTheSameMesh) {
     const Surface again = tools::parse(big_endian(little), "m.ply");
     EXPECT_TRUE(tools::same_bits(s, again));
     EXPECT_EQ(s.topology->face_vertices, again.topology->face_vertices);
+  }
+}
+
+// Of every type the ends of its range, and numbers that only its own digits hold.
+TEST(MeshRoundTrip, PlyKeepsOwnNumbersOfEveryType) {
+  const std::vector<std::pair<std::string, std::vector<double>>> types = {
+      {"char", {-128, 127, 0}},
+      {"uchar", {0, 255, 7}},
+      {"short", {-32768, 32767, -1}},
+      {"ushort", {0, 65535, 256}},
+      {"int", {-2147483648.0, 2147483647.0, 16777217}},
+      {"uint", {0, 4294967295.0, 2147483648.0}},
+      {"float", {static_cast<double>(0.1f), static_cast<double>(-1e-40f), static_cast<double>(3e38f)}},
+      {"double", {0.1, -1e-300, 1e300}}};
+  Surface s = tools::wavy_tube(5, 2);
+  knead::MeshAttributes a;
+  for (const auto& [type, values] : types) {
+    a.vertex_properties.push_back({"of_vertex_" + type, type, {}});
+    a.face_properties.push_back({"of_face_" + type, type, {}});
+    for (size_t i = 0; i < s.vertices(); ++i) a.vertex_properties.back().values.push_back(values[i % 3]);
+    for (size_t i = 0; i < s.topology->faces(); ++i) a.face_properties.back().values.push_back(values[(i + 1) % 3]);
+  }
+  s.attributes = std::make_shared<const knead::MeshAttributes>(a);
+  const std::string little = tools::format("m.ply", s);
+  for (const std::string& bytes : {little, big_endian(little), tools::format("m.ply", s, {.ascii = true})}) {
+    const Surface again = tools::parse(bytes, "m.ply");
+    EXPECT_TRUE(tools::same_bits(s, again));
+    EXPECT_EQ(s.topology->face_vertices, again.topology->face_vertices);
+    const auto expect_same = [](const std::vector<knead::MeshProperty>& was, const std::vector<knead::MeshProperty>& is) {
+      ASSERT_EQ(was.size(), is.size());
+      for (size_t k = 0; k < was.size(); ++k) {
+        EXPECT_EQ(was[k].name, is[k].name);
+        EXPECT_EQ(was[k].type, is[k].type) << was[k].name;
+        EXPECT_EQ(was[k].values, is[k].values) << was[k].name;
+      }
+    };
+    expect_same(a.vertex_properties, again.attributes->vertex_properties);
+    expect_same(a.face_properties, again.attributes->face_properties);
+    EXPECT_EQ(tools::format("m.ply", again), little);
   }
 }
 
