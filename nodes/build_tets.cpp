@@ -25,11 +25,14 @@ struct BuildResult {
 
 const char* const kManual = R"(The helper tet mesh H that embeds the soft surface M, and the lattice that ties M to it.
 
-An octree over M's box splits a cell while it holds more than `max_vertices` of M and is above `max_depth`; leaves that touch differ by one level at
-most. So H is about as fine as M, and a `max_depth` beyond that alone changes nothing: the report has the `depth` that was reached, and where more than the
-default was asked for and not reached a warning says so. With `max_vertices: 0` every cell that M touches is split down to `max_depth`, however coarse M is: flesh
-then bends between M's vertices, for four to eight times the tets a level. Leaves that M touches or that lie inside M are kept, and filled with tets from their centres to their faces (Labelle and Shewchuk 2007, not
-cut to the surface). H therefore sticks out of M: the report gives the volumes of both, and `inside` what part of each tet is flesh: exact for a closed M
+An octree over M's box splits a cell while it holds more than `max_vertices` of M and is above `max_depth`, or is touched by M and above `surface_depth`;
+leaves that touch differ by one level at most. So H is about as fine as M, and at least 16 cells are to the box along M: flesh of two cells across is
+three times as far from finite elements as flesh of four (docs/convergence.md). A `max_depth` beyond M's own fineness changes nothing; where it was
+asked for and not reached a warning says so, and `surface_depth` reaches it, for about four times the tets a level. An H much finer than M wants
+contact_samples, since between M's vertices nothing holds.
+
+Leaves that M touches or that lie inside M are kept, and filled with tets from their centres to their faces (Labelle and Shewchuk 2007, not cut to
+the surface). H therefore sticks out of M: the report gives the volumes of both, and `inside` what part of each tet is flesh: exact for a closed M
 that does not run through itself; of an open one it may be off next to a hole. H is valid for any triangle soup: conforming, every tet
 positive. Inside is where the winding number is beyond one half either way, so that open, broken and inside-out surfaces work too; what was assumed
 is said in a warning.
@@ -69,10 +72,11 @@ class BuildTets : public Node {
                        {.min = 1, .max = kDeepestOctree, .doc = "levels of the octree: M's box is at most 2^max_depth cells wide"}};
   Param<int> min_depth{
       this, "min_depth", BuildTetsOptions{}.min_depth, {.min = 0, .max = 8, .doc = "levels everywhere, however few vertices M has there"}};
-  Param<int> max_vertices{this,
-                          "max_vertices",
-                          BuildTetsOptions{}.max_vertices,
-                          {.min = 0, .doc = "vertices of M in a cell before it is split; 0: whatever M touches is split down to max_depth"}};
+  Param<int> surface_depth{this,
+                           "surface_depth",
+                           BuildTetsOptions{}.surface_depth,
+                           {.min = 0, .max = kDeepestOctree, .doc = "levels of what M touches, however few vertices M has there; at most max_depth"}};
+  Param<int> max_vertices{this, "max_vertices", BuildTetsOptions{}.max_vertices, {.min = 1, .doc = "vertices of M in a cell before it is split"}};
   Param<bool> split_pieces{this, "split_pieces", BuildTetsOptions{}.split_pieces, {.doc = "a copy of a cell for each connected piece of M in it"}};
   Param<std::string> lattice_kind{
       this, "lattice", "barycentric", {.choices = {"barycentric", "trilinear", "mean_value"}, .doc = "coordinates of M in H"}};
@@ -93,7 +97,14 @@ class BuildTets : public Node {
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
     Hasher key;
-    key.add("build_tets").add(body.points.id()).add(max_depth()).add(min_depth()).add(max_vertices()).add(split_pieces()).add(lattice_kind());
+    key.add("build_tets")
+        .add(body.points.id())
+        .add(max_depth())
+        .add(min_depth())
+        .add(surface_depth())
+        .add(max_vertices())
+        .add(split_pieces())
+        .add(lattice_kind());
     if (body.topology) {
       key.add(body.topology->triangles.size()).bytes(body.topology->triangles.data(), body.topology->triangles.size() * sizeof(uint32_t));
       key.add(body.topology->face_vertices.size()).bytes(body.topology->face_vertices.data(), body.topology->face_vertices.size() * sizeof(uint32_t));
@@ -115,6 +126,7 @@ class BuildTets : public Node {
     const auto start = std::chrono::steady_clock::now();
     const BuildTetsOptions options{.max_depth = max_depth(),
                                    .min_depth = std::min(min_depth(), max_depth()),
+                                   .surface_depth = surface_depth(),
                                    .max_vertices = max_vertices(),
                                    .split_pieces = split_pieces(),
                                    .lattice = kind_of(lattice_kind())};
@@ -124,7 +136,7 @@ class BuildTets : public Node {
     if (max_depth.is_set() && max_depth() > BuildTetsOptions{}.max_depth && built.build.depth < max_depth())
       built.warnings.push_back("H is of depth " + std::to_string(built.build.depth) + ", not of max_depth " + std::to_string(max_depth()) +
                                ", since no cell there has more than max_vertices = " + std::to_string(max_vertices()) +
-                               " vertices of the surface: max_vertices: 0 splits whatever the surface touches, min_depth every cell");
+                               " vertices of the surface: surface_depth splits whatever the surface touches, min_depth every cell");
     return built;
   }
 

@@ -18,14 +18,14 @@ inputs:
 )") + inputs +
            R"(parameters:
   max_depth: {default: 6, doc: "of the tet mesh's octree: M's box is at most 2^max_depth cells wide"}
-  max_vertices: {default: 4, doc: "of M in a cell of the octree before it is split; 0: whatever M touches is split down to max_depth"}
+  surface_depth: {default: 4, doc: "of the octree's cells that M touches, however few of M's vertices they have; beyond max_depth nothing"}
   split_pieces: {default: false, doc: "keep apart what is closer than a cell, such as lips or fingers"}
   lattice: {default: barycentric, doc: "coordinates of M in the tet mesh: barycentric, trilinear or mean_value"}
 )" + parameters +
            R"(  margin: {default: 0, doc: "distance to keep from the colliders, world units"}
   face_samples: {default: 10, doc: "points of every triangle in which the figures look for penetration; 0: vertices only"}
 nodes:
-  tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, max_vertices: $max_vertices, split_pieces: $split_pieces, lattice: $lattice}
+  tets: {type: build_tets, surface: inputs.surface, max_depth: $max_depth, surface_depth: $surface_depth, split_pieces: $split_pieces, lattice: $lattice}
 )" + nodes +
            R"(  exact: {type: collide_sdf, mode: project, surface: press.surface, sdf: inputs.sdf, margin: $margin, samples: 8}
   figures:

@@ -17,7 +17,7 @@ void check(const BuildTetsOptions& options) {
                 "take 1 to " + std::to_string(kDeepestOctree));
   if (options.min_depth < 0 || options.min_depth > options.max_depth || options.min_depth > 8)
     throw Error(ErrorCode::kInput, "min_depth " + std::to_string(options.min_depth) + " is out of range", "take 0 to max_depth, at most 8");
-  if (options.max_vertices < 0) throw Error(ErrorCode::kInput, "max_vertices must be at least 0");
+  if (options.max_vertices < 1) throw Error(ErrorCode::kInput, "max_vertices must be at least 1");
 }
 
 }  // namespace
@@ -25,9 +25,8 @@ void check(const BuildTetsOptions& options) {
 BuiltTets build_tets(const Surface& surface, const BuildTetsOptions& options, Executor& executor, std::vector<std::string>& warnings) {
   check(options);
   SoftBody body = make_soft_body(surface, executor, warnings);
-  const bool by_vertices = options.max_vertices > 0;
-  Octree octree(body.sorted_keys, options.min_depth, options.max_depth, by_vertices ? static_cast<uint32_t>(options.max_vertices) : UINT32_MAX);
-  if (!by_vertices) refine_along_surface(octree, body, options.max_depth);
+  Octree octree(body.sorted_keys, options.min_depth, options.max_depth, static_cast<uint32_t>(options.max_vertices));
+  refine_along_surface(octree, body, std::min(options.surface_depth, options.max_depth));
   octree.balance();
   const WindingNumber winding(body.points, body.triangles, executor);
   const Cells cells = keep_cells(octree, body, winding, executor);

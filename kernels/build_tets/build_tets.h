@@ -14,9 +14,10 @@ enum class LatticeKind { kBarycentric, kTrilinear, kMeanValue };
 constexpr int kDeepestOctree = 12;
 
 struct BuildTetsOptions {
-  int max_depth = 6;     // 1 to kDeepestOctree
-  int min_depth = 3;     // 0 to max_depth; at most 8
-  int max_vertices = 4;  // of M in a cell above max_depth; 0: every cell that M touches is split down to max_depth
+  int max_depth = 6;      // 1 to kDeepestOctree
+  int min_depth = 3;      // 0 to max_depth; at most 8
+  int surface_depth = 4;  // of cells that M touches, however few of its vertices they have; not beyond max_depth
+  int max_vertices = 4;   // of M in a cell above max_depth
   bool split_pieces = false;
   LatticeKind lattice = LatticeKind::kBarycentric;
 };

@@ -134,8 +134,7 @@ void refine_along_surface(Octree& octree, const SoftBody& body, int depth) {
         continue;
       if (node.is_leaf()) octree.split(index);
       if (octree.nodes().size() > kMostNodes)
-        throw Error(ErrorCode::kMemory, "H would have more than " + std::to_string(kMostNodes) + " cells along the surface",
-                    "lower max_depth, or give max_vertices");
+        throw Error(ErrorCode::kMemory, "H would have more than " + std::to_string(kMostNodes) + " cells along the surface", "lower surface_depth");
       for (uint32_t child = 8; child-- > 0;) todo.push_back(octree.node(index).first_child + child);
     }
   }

@@ -3,6 +3,13 @@
 #include <algorithm>
 
 namespace knead {
+namespace {
+
+// Of the metric. From 0 on, all of the grids, no iteration is saved on eight of ten scenes and 4 of 51 on one; the coarsest alone takes 41 to 116 for 35 to 43
+// on tori.
+constexpr size_t kAnswerGrid = 2;
+
+}  // namespace
 
 KeepPlace::KeepPlace(Executor& executor, const EquilibriumRest& rest) : executor_(executor), rest_(rest) {
   if (!any()) return;
@@ -57,7 +64,7 @@ void KeepPlace::renew(const Multigrid& metric, const EnergySimd& lanes, Row4* wo
   for (uint32_t which = 0; which < 6; ++which) {
     Row4* answer = answers_.data_for_write() + which * rows;
     parallel_for(executor_, rest_.vertices, OneOfSix{motions(true), rest_.on.part_of, answer, which, FloatingParts::kNone});
-    metric.solve(executor_, lanes, answer, work, metric.levels().size() - 1);
+    metric.solve(executor_, lanes, answer, work, std::min(kAnswerGrid, metric.levels().size() - 1));
     sums(motions(true), answer, sums_.data_for_write() + which * parts);
   }
   parallel_for(executor_, parts, PartInverse{sums_.data_for_write(), inverse_.data_for_write(), static_cast<uint32_t>(parts)});

@@ -23,8 +23,8 @@ class KeepPlace {
   void project(Row4* u);                // u <- P u
   void balance_forces(Row4* gradient);  // g <- P^T g
 
-  // Y for a metric, as its coarsest grid knows it: a body that lies on its contacts under even pulls. All of the grids save 0 to 4 of 34 to 51 iterations, and
-  // Y = T, rigid motions that no contact resists, takes 54 to 128 for 34 to 51 (examples' head and crush, spot, head_ict_2400 and penguin of the test data).
+  // Y for a metric, as its coarse grids know it: a body that lies on its contacts under even pulls. Y = T, rigid motions that no contact resists, takes 54 to
+  // 128 iterations for 34 to 52 (examples' head and crush, spot, head_ict_2400 and penguin of the test data).
   void renew(const Multigrid& metric, const EnergySimd& lanes, Row4* work);
   // What goes before the metric, q <- Q^T q, and after, r <- Q r; nothing before the first renew.
   void before_metric(Row4* q);

@@ -51,15 +51,15 @@ TEST(BuiltTets, HonoursItsDepths) {
   EXPECT_EQ(wrong(built(sphere, {.max_depth = 1, .min_depth = 0, .max_vertices = 100000}), sphere), "");
 }
 
-// However few vertices M has: a box of twelve triangles, a torus of large faces, a surface with a hole.
-TEST(BuiltTets, SplitsWhateverTheSurfaceTouchesWhereVerticesDoNotCount) {
+// However few vertices M has, and never beyond max_depth: a box of twelve triangles, a torus of large faces, a surface with a hole.
+TEST(BuiltTets, SplitsWhateverTheSurfaceTouches) {
   const Surface torus = make_torus(0.6, 0.25, 16);
   std::vector<uint32_t> open = torus.topology->triangles;
   open.resize(open.size() - 30);
   const Surface shapes[] = {make_box({1, 2, 3}, 1), torus, make_triangle_surface({torus.points.host().begin(), torus.points.host().end()}, open)};
   for (const Surface& shape : shapes)
     for (const int depth : {1, 3, 5}) {
-      const BuildTetsOptions options{.max_depth = depth, .min_depth = std::min(2, depth), .max_vertices = 0};
+      const BuildTetsOptions options{.max_depth = depth, .min_depth = std::min(2, depth), .surface_depth = 5};
       const BuiltTets build = built(shape, options);
       EXPECT_EQ(wrong(build, shape), "");
       EXPECT_EQ(build.depth, depth);

@@ -37,7 +37,7 @@ struct Pressed {
     std::vector<std::string> warnings;
     BuildTetsOptions options;
     options.max_depth = depth;
-    options.min_depth = 2;
+    options.min_depth = options.surface_depth = 2;  // A finer H than M has vertices for would give way between them.
     built = build_tets(surface, options, *executor, warnings);
     rest = prepare_equilibrium(*executor, built.tets, built.lattice, material);
   }
