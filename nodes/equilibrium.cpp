@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <limits>
 
 #include "graph/opaque_value.h"
@@ -69,6 +70,9 @@ Which side of a collider the flesh is on is told from M at rest: by the normals 
 way in along which it then comes in over the first iterations (`way_in_iterations`). `entry` says it for certain: with it a ball can be swept into a body until
 it is out of sight; far deeper flesh lets it through. The report counts `undecided_colliders`, where the nearest way out was taken, and `enclosed_colliders`,
 which lie in the body and touch nothing, as bones do and what was let through.
+
+The report's `contact_forces` are the forces on the colliders, x y z in world directions for each in turn, over Young's modulus and the square of M's diagonal:
+times both they are forces. `contact_force` is the size of the largest. Measured against CalculiX in docs/convergence.md.
 
 It never starts from the frame before, but a fine H can start from where a coarse one of the same surface came to rest, roughly: the same result within the stop
 rule, in fewer iterations; `started` in the report says so. The coarse solve decides on which side of a collider the flesh is. What `start` brings passes
@@ -160,10 +164,12 @@ class Equilibrium : public Node {
       this, "memory_limit", 1e-9 * EquilibriumMaterial{}.memory_limit, {.min = 0, .unit = "GB", .doc = "an H whose metric takes more is refused"}};
   Out<Surface> result{this, "surface", {.unit = "world", .doc = "M at its equilibrium"}};
   Out<Points> points{this, "points", {.unit = "cells", .shape = "vertices of H", .doc = "H at its equilibrium, in tet space"}};
-  Out<Report> report{this,
-                     "report",
-                     {.doc = "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), undecided_colliders, "
-                             "enclosed_colliders, least_tet_volume, times"}};
+  Out<Report> report{
+      this,
+      "report",
+      {.doc =
+           "iterations, ended, gradient, last_step, contacts, contact_error (of the diagonal), contact_force, contact_forces, undecided_colliders, "
+           "enclosed_colliders, least_tet_volume, times"}};
 
   Out<EquilibriumState> state{this, "state", {.doc = "where it ended, for the start of one with a finer H"}};
 
@@ -317,6 +323,13 @@ class Equilibrium : public Node {
                                                            : "; no step makes it better: a coarser H or a collider that is in less deep would help");
   }
 
+  // "x y z; x y z", in the order of the colliders.
+  static std::string words_of(const std::vector<Vec3d>& forces) {
+    std::string words;
+    for (const Vec3d& force : forces) words += fmt::format("{}{:.6g} {:.6g} {:.6g}", words.empty() ? "" : "; ", force.x, force.y, force.z);
+    return words;
+  }
+
   static Report describe(const EquilibriumFigures& figures, const RestFigures& rest) {
     Report report;
     report.set("ended", text_of(figures.ended));
@@ -331,6 +344,10 @@ class Equilibrium : public Node {
     report.set("last_step", figures.step);
     report.set("contacts", static_cast<double>(figures.contacts));
     report.set("contact_error", figures.penetration);
+    double hardest = 0;
+    for (const Vec3d& force : figures.forces) hardest = std::max(hardest, length(force));
+    report.set("contact_force", hardest);
+    report.set("contact_forces", words_of(figures.forces));
     report.set("least_tet_volume", figures.least_volume);
     report.set("energy", figures.energy);
     report.set("solve_milliseconds", 1e3 * figures.seconds);

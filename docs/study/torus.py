@@ -115,6 +115,8 @@ RIGID, 3, 3
 RIGID, 2, 2, {HALF - TUBE}
 *NODE PRINT, NSET=FLESH, FREQUENCY=100000, GLOBAL=YES
 U
+*NODE PRINT, NSET=RIGID, FREQUENCY=100000, GLOBAL=YES, TOTALS=ONLY
+RF
 *END STEP
 """)
     with open(out / "ccx.log", "w") as log:
@@ -122,7 +124,7 @@ U
     moved = np.array(nodes[:flesh])
     rows = [line.split() for line in (out / "torus.dat").read_text().split("displacements")[-1].splitlines()]
     for row in rows:
-        if len(row) == 4:
+        if len(row) == 4 and row[0].isdigit():
             moved[int(row[0]) - 1] += [float(v) for v in row[1:]]
     on = sorted((math.atan2(p[1], p[0]), i) for i, p in enumerate(points) if abs(math.hypot(*p) - 1) < 1e-9)
     at = [moved[number[i, 0] - 1] for _, i in on]

@@ -130,6 +130,17 @@ struct ContactEnergy {
     }
   }
 
+  // The force of sample s on collider k, after an evaluation.
+  KNEAD_HD Vec3f force_on(uint32_t k, uint32_t s) const {
+    const size_t at = static_cast<size_t>(k) * samples + s;
+    const float lambda = multiplier[at], pressed = law.at(lambda - distance[at]).force;
+    Vec3f sum{0, 0, 0};
+    if (pressed > 0) sum -= (pressed * normal[at].w) * to_vec(normal[at]);
+    if (friction > 0 && lambda > 0 && began[at] >= 0)
+      sum += friction_force(moved(s) - began[at] * entry[k], to_vec(stuck[at]), friction * lambda).gradient;
+    return (stiffness * area[s]) * sum;
+  }
+
   KNEAD_HD ContactSum operator()(uint32_t i) const {
     const uint32_t s = list ? list[i] : i;
     ContactSum sum;
@@ -167,6 +178,17 @@ struct ContactEnergy {
         for (uint32_t r = 0; r < 3; ++r) block[3 * c + r] += size * (friction > 0 ? (r == c ? 1.0f : 0.0f) : n[r] * n[c]);
     }
   }
+};
+
+// The sum of the forces on one collider, of shear modulus times cells^2.
+struct ForceOnCollider {
+  static constexpr const char* kKernel = "force_on_collider";
+  ContactEnergy contact;
+  Vec3d* result;
+  uint32_t collider, unused = 0;
+  KNEAD_HD Vec3d operator()(uint32_t s) const { return to_double(contact.force_on(collider, s)); }
+  static KNEAD_HD Vec3d combine(const Vec3d& a, const Vec3d& b) { return a + b; }
+  KNEAD_HD void finish(const Vec3d& sum) const { *result = sum; }
 };
 
 }  // namespace knead

@@ -311,6 +311,15 @@ UnsettledContact EquilibriumContacts::most_unsettled() const {
   return most;
 }
 
+std::vector<Vec3d> EquilibriumContacts::forces_on_colliders() const {
+  Buffer<Vec3d> sums(body_.count, executor_.memory());
+  for (uint32_t k = 0; k < body_.count; ++k) reduce(executor_, samples(), ForceOnCollider{body_, sums.data_for_write() + k, k});
+  std::vector<Vec3d> forces(body_.count);
+  executor_.copy(sums.data_for_write(), executor_.device(), forces.data(), Device{}, sums.bytes());
+  executor_.synchronise();
+  return forces;
+}
+
 void EquilibriumContacts::stick() {
   if (body_.friction > 0) parallel_for(executor_, body_.count * samples(), CopyRows{body_.normal, stuck_.data_for_write()});
 }

@@ -50,6 +50,9 @@ class EquilibriumContacts {
   double volume_pressure() const { return seen_.volume.stiffness * (seen_.volume.multiplier + seen_.volume.error); }
   void stick();
 
+  // On each collider, of shear modulus times cells^2, in tet space; after evaluate.
+  std::vector<Vec3d> forces_on_colliders() const;
+
   // Every multiplier becomes its contact's force, after evaluate; the same for the volume.
   void update_multipliers();
   // Stiffer contacts under the same forces.

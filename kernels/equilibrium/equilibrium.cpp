@@ -32,6 +32,7 @@ class Solver {
         settings_(settings),
         constants_(settings.constants),
         figures_(figures),
+        to_world_(placement * rest.to_local),
         energy_(executor, rest, placement, colliders, settings, figures),
         contacts_(energy_.contacts()),
         minimiser_(executor, rest, constants_, energy_, figures) {}
@@ -51,6 +52,9 @@ class Solver {
     figures_.least_volume = now.least_volume;
     figures_.energy = now.energy - now.contact.energy;
     figures_.contacts = now.contact.active;
+    figures_.forces = contacts_.forces_on_colliders();
+    const double young = 2 + rest_.lame / (1 + rest_.lame);  // over the shear modulus: 2 + 2 nu
+    for (Vec3d& force : figures_.forces) force = (1 / (young * rest_.diagonal * rest_.diagonal)) * to_world_.rotate(force);
     if (!is_rest(figures_.ended)) figures_.unsettled = contacts_.most_unsettled();
     figures_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return positions();
@@ -290,6 +294,7 @@ class Solver {
   const EquilibriumSettings& settings_;
   const EquilibriumConstants& constants_;
   EquilibriumFigures& figures_;
+  const Similarity to_world_;
   EquilibriumEnergy energy_;
   EquilibriumContacts& contacts_;
   EquilibriumMinimiser minimiser_;

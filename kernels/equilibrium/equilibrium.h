@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "graph/ended.h"
 #include "graph/executor.h"
@@ -121,6 +122,8 @@ struct EquilibriumFigures {
   double energy = 0;        // of the deformed body, elastic and hold: that of contacts depends on how stiff they have become
   double volume = 0;        // the relative error of the enclosed volume; 0 when the volume is not kept
   size_t contacts = 0;      // contacts with a force
+  // On each collider, world directions, over Young's modulus (of where stiffness is not painted) times the square of M's diagonal; none where nothing touches.
+  std::vector<Vec3d> forces;
   // Where the solve ended neither at rest nor in rounding: see EquilibriumContacts::most_unsettled.
   UnsettledContact unsettled;
   double elastic_seconds = 0, contact_seconds = 0, direction_seconds = 0, renewal_seconds = 0, seconds = 0;
