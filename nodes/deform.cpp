@@ -22,6 +22,8 @@ const DeformManual kManual{
 };
 
 const DeformGraph kGraph{
+    // The loop keeps the volume less well on an H finer than M: 2.6 % for 2 % on a pressed block of 602 vertices.
+    .surface_depth = "0",
     .parameters = R"(  stiffness: {default: 0.5, doc: "0 soft: the dent stays local; 1 stiff: the whole body gives way"}
   relaxation: {default: 0.4, doc: "part of the volume step that is taken, on the mean over the sweeps; half and more does not settle"}
   sweeps: {default: 2, doc: "volume steps in every iteration; more keep the volume better and take longer"}

@@ -26,6 +26,7 @@ instead of 30 to 42 (docs/convergence.md). A smaller one gains nothing.
 };
 
 const DeformGraph kGraph{
+    .surface_depth = "4",
     .inputs = R"(  stiffness_weights: {type: Weights, optional: true, doc: "by vertex of M: how stiff, relative to elsewhere"}
   hold_weights: {type: Weights, optional: true, doc: "by vertex of M: of `hold`"}
   start: {type: EquilibriumState, optional: true, doc: "the state of a coarser one of the same surface, to begin there instead of at rest"}

@@ -6,6 +6,7 @@ namespace knead {
 
 // What one of the two has of its own, as it stands in the section of its name.
 struct DeformGraph {
+  const char* surface_depth;                                              // the default
   const char *inputs = "", *parameters = "", *nodes = "", *outputs = "";  // `nodes` makes press.surface, press.points and press.report from tets
 
   std::string text() const {
@@ -18,7 +19,8 @@ inputs:
 )") + inputs +
            R"(parameters:
   max_depth: {default: 6, doc: "of the tet mesh's octree: M's box is at most 2^max_depth cells wide"}
-  surface_depth: {default: 4, doc: "of the octree's cells that M touches, however few of M's vertices they have; beyond max_depth nothing"}
+  surface_depth: {default: )" +
+           surface_depth + R"(, doc: "of the octree's cells that M touches, however few of M's vertices they have; beyond max_depth nothing"}
   split_pieces: {default: false, doc: "keep apart what is closer than a cell, such as lips or fingers"}
   lattice: {default: barycentric, doc: "coordinates of M in the tet mesh: barycentric, trilinear or mean_value"}
 )" + parameters +
