@@ -62,8 +62,8 @@ whole, undented, and one between several finds its own place among them.
 
 H sticks out of M, and what sticks out is no flesh: connect `inside: tets.inside`, and each tet has stiffness, volume term and hold by its part inside M, at
 least `outside_stiffness` of it. Corners with little flesh follow the continuation of what their neighbours do (a ghost penalty, as finite elements on cut
-cells have it), and next to empty tets resist before they are squeezed flat. A torus of 64 x 32 quads squeezed between plates is then 4 to 5 %
-of a plate's way off CalculiX instead of 19 %; with two cells across the tube 15 instead of 25 % (docs/convergence.md). With `keep_volume` its shape is that of
+cells have it), and next to empty tets resist before they are squeezed flat. A torus of 64 x 32 quads squeezed between plates is then 5 %
+of a plate's way off CalculiX instead of 17 %, with cells of half the size below 3 % (docs/convergence.md). With `keep_volume` its shape is that of
 Poisson's ratio 0.499, whatever `poisson_ratio` says; without, that of `poisson_ratio`.
 
 Which side of a collider the flesh is on is told from M at rest: by the normals of what is inside the collider, or, when it is in deeper than its middle, by a
