@@ -50,7 +50,8 @@ void declare_run(CLI::App& program, Arguments& all) {
   run_command->add_option("--stats", all.run.stats, "where the figures go, a line of JSON per frame; otherwise stats.jsonl in --out");
   run_command
       ->add_option("--only", all.run.graph.only,
-                   "a node that writes, or a group of such: these alone write, and only what they need is made; may be repeated")
+                   "a node that writes, or a group of such: these alone write, and only what they need is made; several by commas, or repeated")
+      ->delimiter(',')
       ->allow_extra_args(false);
   run_command->add_flag("--resume", all.run.resume, "skip frames that are complete and were made from the same inputs");
 #ifdef KNEAD_PICTURES

@@ -11,8 +11,9 @@
 namespace knead::app {
 namespace {
 
-bool has_port(const std::vector<InputDeclaration>& ports, const char* type) {
-  return std::any_of(ports.begin(), ports.end(), [&](const InputDeclaration& port) { return port.type && std::strcmp(port.type->name, type) == 0; });
+template <class Declaration>
+bool has_port(const std::vector<Declaration>& ports, const char* type) {
+  return std::any_of(ports.begin(), ports.end(), [&](const Declaration& port) { return port.type && std::strcmp(port.type->name, type) == 0; });
 }
 
 bool has_report(const Node& node) {
@@ -31,6 +32,7 @@ bool at_rest(const std::string& ended) {
 Judge::Judge(const Plan& plan) {
   const auto solves = [](const PlanNode& node) { return has_report(*node.node) && !has_port(node.node->inputs(), "Report"); };
   for (const PlanNode& node : plan.nodes) {
+    has_colliders_ |= has_port(node.node->outputs(), "Sdf");
     if (!solves(node)) continue;
     solvers_.insert(node.name);
     for (const auto& port : node.inputs)
@@ -50,7 +52,7 @@ Verdict Judge::judge(const std::string& line) const {
     const double iterations = node.report.number("iterations"), moved = node.report.number("displacement_max");
     verdict.warned |= !node.warnings.empty();
     verdict.enclosed |= node.report.number("enclosed_colliders", 0) > 0;
-    if (std::isfinite(moved)) verdict.touched = verdict.touched.value_or(false) || moved > 0;
+    if (has_colliders_ && std::isfinite(moved)) verdict.touched = verdict.touched.value_or(false) || moved > 0;
     if (ended.empty() || !solvers_.count(node.name)) continue;
     if (!at_rest(ended) && !beginnings_.count(node.name)) verdict.restless.push_back(node.name);
     if (std::isfinite(iterations)) verdict.ended = fmt::format("{:.0f} iteration{}, {}", iterations, iterations == 1 ? "" : "s", ended);

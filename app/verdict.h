@@ -28,6 +28,7 @@ class Judge {
   // Nodes whose end is where another one begins: they need not come to rest themselves.
   std::set<std::string> beginnings_;
   std::set<std::string> solvers_;
+  bool has_colliders_ = false;  // else nothing can touch, and nobody asks whether it did
 };
 
 }  // namespace knead::app
