@@ -8,7 +8,7 @@ Needs numpy; CalculiX (Debian: calculix-ccx) only for --reference. From the root
 The torus (ring 0.6, tube 0.25, axis y) is squeezed to 60 % of its height, without friction. Its contour at rest is a circle of angle `angle` about the tube's
 middle; torus_contour.csv has where each angle goes in CalculiX, for Poisson's ratio 0.45 and 0.499: a wedge of C3D20R of the upper half, NEO HOOKE with C10 = mu / 2
 and D1 = 2 / K, a rigid plate over it, contact by a linear penalty (10,000 mu a unit of length for 0.45: the plate is 1.7e-4 inside; 3,000 mu for 0.499: 5.6e-4).
-A row is the RMS distance of Knead's vertices from that contour, over the way of one plate, 0.1.
+A row is the RMS distance of Knead's vertices from that contour, over the way of one plate, 0.1, and the force on a plate over CalculiX's.
 """
 import argparse
 import json
@@ -20,6 +20,9 @@ import subprocess
 import numpy as np
 
 RING, TUBE, HALF = 0.6, 0.25, 0.15
+FORCE = {"0.45": 2.1046, "0.499": 2.1962}  # on a plate in CalculiX, over the shear modulus
+YOUNG = 2.9  # over the shear modulus, of Knead's poisson_ratio of 0.45
+DIAGONAL_SQUARED = 8 * (RING + TUBE) ** 2 + 4 * TUBE**2
 HERE = pathlib.Path(__file__).parent
 
 
@@ -121,14 +124,16 @@ RF
 """)
     with open(out / "ccx.log", "w") as log:
         subprocess.run(["ccx", "-i", "torus"], cwd=out, stdout=log, stderr=subprocess.STDOUT)
-    moved = np.array(nodes[:flesh])
+    moved, force = np.array(nodes[:flesh]), 0.0
     rows = [line.split() for line in (out / "torus.dat").read_text().split("displacements")[-1].splitlines()]
     for row in rows:
         if len(row) == 4 and row[0].isdigit():
             moved[int(row[0]) - 1] += [float(v) for v in row[1:]]
+        elif len(row) == 3:
+            force = abs(float(row[1])) * 2 * math.pi / wedge
     on = sorted((math.atan2(p[1], p[0]), i) for i, p in enumerate(points) if abs(math.hypot(*p) - 1) < 1e-9)
     at = [moved[number[i, 0] - 1] for _, i in on]
-    return np.array([[angle, math.hypot(p[0], p[2]), p[1]] for (angle, _), p in zip(on, at)])
+    return np.array([[angle, math.hypot(p[0], p[2]), p[1]] for (angle, _), p in zip(on, at)]), force
 
 
 def torus_file(out, around, across):
@@ -191,23 +196,27 @@ def main():
             print("ccx is not installed (Debian: apt-get install calculix-ccx): the stored contour is taken")
         else:
             for name, stiff in (("0.45", 10000), ("0.499", 3000)):
-                contours[name] = run_calculix(out, float(name), stiff)[:, 1:]
+                contour, FORCE[name] = run_calculix(out, float(name), stiff)
+                contours[name] = contour[:, 1:]
     for name, contour in contours.items():
-        print(f"CalculiX {name}: inner {contour[-1, 0]:.4f}, outer {contour[0, 0]:.4f}")
-    print("| torus | hold | keep_volume | inside | H / M | inner | outer | volume | RMS 0.45 | RMS 0.499 | iterations | solve | least V / V0 |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
-    for size in ((32, 16), (48, 24), (64, 32)):
+        print(f"CalculiX {name}: inner {contour[-1, 0]:.4f}, outer {contour[0, 0]:.4f}, force {FORCE[name]:.4f}")
+    print("| torus | surface_depth | hold | keep_volume | inside | H / M | inner | outer | volume | RMS 0.45 | RMS 0.499 | force | iterations | solve | least V / V0 |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|")
+    runs = [(depth, 0, keep, True) for depth in (0, 4, 5) for keep in (True, False)]
+    runs += [(4, hold, keep, is_weighted) for hold, is_weighted in ((1, True), (20, True), (0, False)) for keep in (True, False)]
+    for size in ((32, 16), (48, 24), (64, 32), (128, 64)):
         mesh = torus_file(out, *size)
         rest = read_points(mesh)
         middle, inner = np.abs(rest[:, 1]) < 1e-6, np.hypot(rest[:, 0], rest[:, 2]) < RING
-        for hold, keep in ((20, True), (1, True), (1, False), (0, True), (0, False)):
-            for is_weighted in (False, True):
-                now, stats = run_knead(arguments.knead, out, mesh, {}, {"hold": hold, "keep_volume": keep}, is_weighted)
-                radius = np.hypot(now[:, 0], now[:, 2])
-                off = [f"{100 * distance(now, contours[name]):.1f} %" for name in ("0.45", "0.499")]
-                print(f"| {size[0]} x {size[1]} | {hold} | {keep} | {is_weighted} | {stats['tet_volume'] / stats['surface_volume']:.2f} | {radius[middle & inner].mean():.4f} "
-                      f"| {radius[middle & ~inner].mean():.4f} | {1 + stats['volume_error']:.3f} | {off[0]} | {off[1]} | {stats['iterations']} ({stats['ended']}) "
-                      f"| {stats['solve_milliseconds']:.0f} ms | {stats['least_tet_volume']:.2f} |", flush=True)
+        for depth, hold, keep, is_weighted in runs:
+            now, stats = run_knead(arguments.knead, out, mesh, {"surface_depth": depth}, {"hold": hold, "keep_volume": keep}, is_weighted)
+            radius = np.hypot(now[:, 0], now[:, 2])
+            off = [f"{100 * distance(now, contours[name]):.1f} %" for name in ("0.45", "0.499")]
+            force = stats["contact_force"] * YOUNG * DIAGONAL_SQUARED / FORCE["0.499" if keep else "0.45"] - 1
+            print(f"| {size[0]} x {size[1]} | {depth} | {hold} | {keep} | {is_weighted} | {stats['tet_volume'] / stats['surface_volume']:.2f} "
+                  f"| {radius[middle & inner].mean():.4f} | {radius[middle & ~inner].mean():.4f} | {1 + stats['volume_error']:.3f} | {off[0]} | {off[1]} "
+                  f"| {100 * force:+.1f} % | {stats['iterations']} ({stats['ended']}) | {stats['solve_milliseconds']:.0f} ms | {stats['least_tet_volume']:.2f} |",
+                  flush=True)
 
 
 if __name__ == "__main__":
