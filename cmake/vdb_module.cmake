@@ -1,6 +1,6 @@
 # OpenVDB's part of the library, loaded when it is first needed (io/vdb/vdb_module.h); linked in when the library is static, and in tests.
 file(GLOB vdb_sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/io/vdb/*.cpp)
-list(FILTER vdb_sources EXCLUDE REGEX "/vdb_module\\.cpp$")
+list(FILTER vdb_sources EXCLUDE REGEX "/(vdb_module|near_field)\\.cpp$")
 add_library(knead_vdb_objects OBJECT ${vdb_sources})
 target_include_directories(knead_vdb_objects PRIVATE ${CMAKE_CURRENT_SOURCE_DIR})
 target_link_libraries(knead_vdb_objects PRIVATE TBB::tbb OpenVDB::openvdb fmt::fmt)

@@ -7,8 +7,6 @@
 
 namespace knead {
 
-inline constexpr uint32_t kMostColliders = 24;  // A body holds its colliders by value, so that a launch needs no upload.
-
 // The loop's y is in M's local space, the equilibrium's in tet space; `scale` and `centre` are in the space of y.
 struct ColliderView {
   SdfView sdf;

@@ -66,7 +66,7 @@ struct EdgeSums {
 void ColliderDistance::add(const Sdf& sdf) {
   colliders_.push_back({&sdf, nullptr, sdf.placement.inverse()});
 }
-void ColliderDistance::add(const Sdf& sdf, std::shared_ptr<const MeshDistance> exact) {
+void ColliderDistance::add(const Sdf& sdf, std::shared_ptr<const ExactDistance> exact) {
   colliders_.push_back({&sdf, std::move(exact), sdf.placement.inverse()});
 }
 

@@ -10,14 +10,14 @@
 
 namespace knead {
 
-class MeshDistance;
+class ExactDistance;
 
 // Signed distances to the union of colliders, in world units. Exact against a collider's triangles where it has them, else trilinear samples of its
 // grid. The colliders must outlive it.
 class ColliderDistance {
  public:
   void add(const Sdf& sdf);                                             // sampled
-  void add(const Sdf& sdf, std::shared_ptr<const MeshDistance> exact);  // of sdf.mesh
+  void add(const Sdf& sdf, std::shared_ptr<const ExactDistance> exact);  // null: sampled
   bool empty() const { return colliders_.empty(); }
   double operator()(const Vec3d& world) const;  // outside a collider's box the distance to the box stands for it; infinite without colliders
   size_t nearest(const Vec3d& world) const;     // the collider whose distance that is, in the order in which they were added
@@ -25,7 +25,7 @@ class ColliderDistance {
  private:
   struct Collider {
     const Sdf* sdf;
-    std::shared_ptr<const MeshDistance> exact;
+    std::shared_ptr<const ExactDistance> exact;
     Similarity to_local;
     double distance(const Vec3d& world) const;
   };

@@ -18,7 +18,7 @@
 
 namespace knead {
 
-class MeshDistance;
+class ExactDistance;
 
 // x_world = scale * (rotation * x_local) + translation. rotation is row-major and orthonormal, scale > 0.
 struct KNEAD_API Similarity {
@@ -149,9 +149,14 @@ struct Sdf {
   float voxel_size = 0;                      // local units
   float outside_band = 0, inside_depth = 0;  // local units: |distance| is exact to trilinear interpolation up to here on each side
   Vec3f lower{0, 0, 0}, upper{0, 0, 0};      // box of the surface, local space
-  std::shared_ptr<const Surface> mesh;       // the collider's triangles in the same local space, for exact projection; may be null
-  std::shared_ptr<const MeshDistance>
-      distance;  // to that mesh, ready for search; may be null, then whoever needs it makes it (kernels/surface/searchable_mesh.h)
+  // The grid holds nothing outside this box, local space: what is there is not known to the field. Of a field that was built for one body (io/vdb/near_field.h).
+  Vec3f known_lower{-kEverywhere, -kEverywhere, -kEverywhere}, known_upper{kEverywhere, kEverywhere, kEverywhere};
+  std::shared_ptr<const Surface> mesh;  // the collider's triangles in the same local space, for exact projection; may be null
+  // In the same space, to that mesh or to what the collider is instead; null: nothing exact is known, or whoever needs it makes it from the mesh
+  // (kernels/surface/searchable_mesh.h).
+  std::shared_ptr<const ExactDistance> distance;
+
+  static constexpr float kEverywhere = 1e30f;
 };
 
 // How the last push went, where the loop's stopping rule reads it.
@@ -166,7 +171,10 @@ struct ContactProgress {
 struct Contacts {
   Buffer<float> memory;              // lambda >= 0 of method.md 3, local units of M; empty: all zero
   Buffer<ContactProgress> progress;  // one
-  Buffer<Vec3f> stand_back;  // per collider: where it began, away from its place, M's local space (kernels/loop/approach.h); empty: in its place
+  Buffer<Vec3f> stand_back;     // per collider: where it began, away from its place, M's local space (kernels/loop/approach.h); empty: in its place
+  std::vector<Sdf> fields;      // the colliders as they have to be for this body (io/vdb/near_field.h); empty: as they are given
+  Buffer<std::byte> colliders;  // as prepare_colliders (kernels/loop/collide.h) made them for the iterations to come; empty: not prepared
+  Key colliders_of;             // what these two were made of
 };
 
 #define KNEAD_PORT_TYPE(T, ...)                                                        \
@@ -203,6 +211,8 @@ struct KNEAD_API PortTraits<Contacts> {
     f(v.memory);
     f(v.progress);
     f(v.stand_back);
+    f(v.colliders);
+    for (Sdf& field : v.fields) f(field.grid);
   }
   static Buffer<double> unrest(const Contacts&, const Contacts& after, Executor&) { return after.progress.as<double>(); }
 };

@@ -25,6 +25,8 @@ class SdfSampler {
  public:
   KNEAD_HD explicit SdfSampler(const SdfView& view) : view_(view), accessor_(view.grid->tree().root()) {}
 
+  KNEAD_HD float background() { return accessor_.root().background(); }
+
   KNEAD_HD float value(const Vec3f& p) {
     if (!within(p)) return accessor_.root().background();
     Cell cell;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "graph/registry.h"
+#include "io/vdb/near_field.h"
 #include "kernels/loop/collide.h"
 #include "kernels/port_types.h"
 #include "kernels/surface/searchable_mesh.h"
@@ -37,14 +38,15 @@ class Approach : public Node {
 
   void evaluate(Context& context) const override {
     const Surface& body = context.get(surface);
-    std::vector<const Sdf*> colliders;
-    for (size_t k = 0; k < context.count(sdf); ++k) colliders.push_back(&context.get(sdf, k));
+    std::vector<const Sdf*> given;
+    for (size_t k = 0; k < context.count(sdf); ++k) given.push_back(&context.get(sdf, k));
+    const NearFields fields(context, given, near_body(body, margin() / body.placement.scale));
     std::vector<Vec3d> shifts;
     if (way_in() && body.topology) {
       CollideInput input;
       input.points = body.points.host();
       input.placement = body.placement;
-      input.colliders = colliders;
+      input.colliders = fields.colliders();
       input.margin = margin() / body.placement.scale;
       Value mesh;
       shifts = stand_back(context.executor(), input, body.topology->triangles, [&]() -> const MeshDistance& {
@@ -52,7 +54,9 @@ class Approach : public Node {
         return *mesh.as<SearchableMesh>().distance;
       });
     }
-    context.set(memory, begin(shifts, body));
+    Contacts contacts = begin(shifts, body);
+    if (fields.any_made()) contacts.fields = fields.copies();
+    context.set(memory, std::move(contacts));
     Report figures;
     figures.set("way_in_steps", steps_of(shifts, body));
     context.set(report, std::move(figures));
@@ -81,6 +85,6 @@ class Approach : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(approach, Approach, 1, kManual)
+KNEAD_REGISTER(approach, Approach, 2, kManual)
 
 }  // namespace knead

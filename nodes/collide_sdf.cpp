@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "graph/registry.h"
+#include "io/vdb/near_field.h"
 #include "kernels/loop/collide.h"
 #include "kernels/port_types.h"
 #include "kernels/surface/searchable_mesh.h"
@@ -74,31 +75,50 @@ class CollideSdf : public Node {
       throw Error(ErrorCode::kInput,
                   "the contact memory has " + std::to_string(before->memory.size()) + " entries for " + std::to_string(body.vertices()) + " vertices",
                   "it must come from the same surface");
-    if (mode() == "project") {
-      project(context, body, colliders, before);
-    } else {
-      push(context, body, colliders, before);
+    if (mode() == "project") return project(context, body, colliders, before);
+    if (before && !before->fields.empty()) return push_by_fields(context, body, colliders, *before);
+    const NearBody place = near_body(body, margin() / body.placement.scale);
+    if (std::all_of(colliders.begin(), colliders.end(), [&](const Sdf* one) { return knows(*one, place); }))
+      return push(context, body, colliders, before);
+    const NearFields fields(context, colliders, place);
+    if (fields.any_made()) {
+      Contacts with_fields = before ? *before : Contacts{};
+      with_fields.fields = fields.copies();
+      return push_by_fields(context, body, colliders, with_fields);
     }
+    push(context, body, colliders, before);
   }
 
  private:
+  // The memory holds what the colliders have to be for this body.
+  void push_by_fields(Context& context, const Surface& body, std::span<const Sdf*> colliders, const Contacts& before) const {
+    check_count("fields of", before.fields.size(), colliders.size());
+    for (size_t k = 0; k < colliders.size(); ++k) colliders[k] = &before.fields[k];
+    push(context, body, colliders, &before);
+  }
+
+  static void check_count(const std::string& what, size_t known, size_t given) {
+    if (known == given) return;
+    throw Error(ErrorCode::kInput,
+                "the contact memory knows " + what + " " + std::to_string(known) + " colliders, and there are " + std::to_string(given),
+                "give approach and collide_sdf the same colliders");
+  }
+
   void push(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const Device device = executor.device();
     const size_t n = body.vertices();
     Points moves{Buffer<Vec3f>(n, context.memory())};
-    Contacts after{Buffer<float>(n, context.memory()), Buffer<ContactProgress>(1, context.memory()), before ? before->stand_back : Buffer<Vec3f>()};
+    Contacts after{Buffer<float>(n, context.memory()), Buffer<ContactProgress>(1, context.memory()), {}, {}, {}, {}};
     CollideInput input;
     input.points = body.points.view(device);
     if (before) {
+      after.stand_back = before->stand_back;
       input.memory = before->memory.view(device);
       input.before = before->progress.view(device).data();
       input.stand_back = before->stand_back.view(device);
-      if (!input.stand_back.empty() && input.stand_back.size() != colliders.size())
-        throw Error(
-            ErrorCode::kInput,
-            "the contact memory knows " + std::to_string(input.stand_back.size()) + " colliders, and there are " + std::to_string(colliders.size()),
-            "give approach and collide_sdf the same colliders");
+      after.fields = before->fields;
+      if (!input.stand_back.empty()) check_count("the ways of", input.stand_back.size(), colliders.size());
     }
     input.placement = body.placement;
     input.colliders = colliders;
@@ -106,6 +126,11 @@ class CollideSdf : public Node {
     input.rate = memory_rate();
     input.most = memory_limit() * body.diagonal();
     input.diagonal = body.diagonal();
+    if (device != Device{}) {
+      after.colliders_of = key_of_given(context, body.placement);
+      after.colliders = before && before->colliders_of == after.colliders_of ? before->colliders : prepare_colliders(executor, input);
+      input.prepared = after.colliders;
+    }
     collide_push(executor, input, moves.values.data_for_write(), after.memory.data_for_write(), after.progress.data_for_write());
 
     Surface moved = body;
@@ -124,11 +149,26 @@ class CollideSdf : public Node {
     context.set(report, std::move(figures));
   }
 
+  // Of the colliders as they are given: fields near the body follow from them.
+  Key key_of_given(Context& context, const Similarity& placement) const {
+    Hasher key;
+    const auto add = [&](const Similarity& place) {
+      key.add(place.scale).add(place.translation.x).add(place.translation.y).add(place.translation.z);
+      for (const double r : place.rotation) key.add(r);
+    };
+    add(placement);
+    for (size_t k = 0; k < context.count(sdf); ++k) {
+      key.add(context.get(sdf, k).grid.id());
+      add(context.get(sdf, k).placement);
+    }
+    return key.key();
+  }
+
   void project(Context& context, const Surface& body, std::span<const Sdf* const> colliders, const Contacts* before) const {
     Executor& executor = context.executor();
     const size_t n = body.vertices();
-    std::vector<std::shared_ptr<const MeshDistance>> kept;
-    std::vector<const MeshDistance*> meshes;
+    std::vector<std::shared_ptr<const ExactDistance>> kept;
+    std::vector<const ExactDistance*> meshes;
     for (const Sdf* collider : colliders) meshes.push_back(kept.emplace_back(searchable_mesh(context, *collider)).get());
     context.check_cancelled();
     constexpr double kClearance = 4e-7;  // of the diagonal: a few roundings of a float coordinate
@@ -154,7 +194,7 @@ class CollideSdf : public Node {
     }
     if (figures.moved > 0) moved.points = std::move(points);
 
-    Contacts after{before && before->memory ? before->memory : zeros(n, context), Buffer<ContactProgress>(1), {}};
+    Contacts after{before && before->memory ? before->memory : zeros(n, context), Buffer<ContactProgress>(1), {}, {}, {}, {}};
     ContactProgress& progress = after.progress.data_for_write()[0];
     progress = {};
     progress.unrest = relative(figures.deepest_before, body);
@@ -192,6 +232,6 @@ class CollideSdf : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(collide_sdf, CollideSdf, 3, kManual)
+KNEAD_REGISTER(collide_sdf, CollideSdf, 4, kManual)
 
 }  // namespace knead

@@ -7,6 +7,7 @@
 
 #include "graph/opaque_value.h"
 #include "graph/registry.h"
+#include "io/vdb/near_field.h"
 #include "kernels/equilibrium/mesh_transfer.h"
 #include "kernels/loop/lattice_map.h"
 
@@ -190,8 +191,10 @@ class Equilibrium : public Node {
     const Value shared = prepared(context, rest_key);
     const EquilibriumRest& rest = *shared.as<PreparedRest>().rest;
 
-    std::vector<const Sdf*> colliders;
-    for (size_t k = 0; k < context.count(sdf); ++k) colliders.push_back(&context.get(sdf, k));
+    std::vector<const Sdf*> given;
+    for (size_t k = 0; k < context.count(sdf); ++k) given.push_back(&context.get(sdf, k));
+    const NearFields fields(context, given, near_body(body, margin() / body.placement.scale + contact_gap() * body.diagonal()));
+    const std::span<const Sdf* const> colliders = fields.colliders();
     EquilibriumSettings settings;
     settings.max_iterations = max_iterations();
     settings.threshold = threshold();
@@ -205,6 +208,7 @@ class Equilibrium : public Node {
     settings.friction = friction();
     settings.entry = {entry()[0], entry()[1], entry()[2]};
     settings.on_host = [&](size_t k) {
+      if (fields.on_host(k)) return *fields.on_host(k);
       Sdf field = *colliders[k];  // its grid is the same one in all frames of a rigid motion
       const Key key = Hasher().add("field on the host").add(field.grid.id()).key();
       field.grid = context.once(key, [&] { return Value::of(FieldOnHost{context.on_host(field.grid)}); }).as<FieldOnHost>().grid;
@@ -364,6 +368,6 @@ class Equilibrium : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(equilibrium, Equilibrium, 2, kManual)
+KNEAD_REGISTER(equilibrium, Equilibrium, 3, kManual)
 
 }  // namespace knead

@@ -42,7 +42,9 @@ class Builder {
     const double h = plan_.voxel_size;
     return distance_(plan_.origin + h * Vec3d{i, j, k}, hint) / h;
   }
-  std::array<int, 6> leaf_box() const;
+  std::array<int, 6> leaf_box() const { return leaf_box(plan_.lower, plan_.upper, (plan_.band + 1) * plan_.voxel_size); }
+  std::array<int, 6> leaf_box(const Vec3d& lower, const Vec3d& upper, double margin) const;
+  std::vector<Candidate> leaves_of_boxes(size_t most) const;
   void sample_fine(const Candidate& candidate, Leaf& leaf) const;
   void sample_deep(const Candidate& candidate, Leaf& leaf) const;
   void store(Leaf& leaf, int n, double value) const {
@@ -57,30 +59,44 @@ class Builder {
 };
 
 // First and one-past-last leaf along each axis.
-std::array<int, 6> Builder::leaf_box() const {
+std::array<int, 6> Builder::leaf_box(const Vec3d& from, const Vec3d& to, double margin) const {
   std::array<int, 6> box;
   for (int k = 0; k < 3; ++k) {
-    const double margin = plan_.band + 1;
-    box[k] = static_cast<int>(std::floor(((plan_.lower[k] - plan_.origin[k]) / plan_.voxel_size - margin) / kSide));
-    box[3 + k] = static_cast<int>(std::floor(((plan_.upper[k] - plan_.origin[k]) / plan_.voxel_size + margin) / kSide)) + 1;
+    double lower = from[k] - margin, upper = to[k] + margin;
+    if (plan_.only) lower = std::max(lower, (*plan_.only)[0][k]), upper = std::min(upper, (*plan_.only)[1][k]);
+    upper = std::max(lower, upper);  // where the two boxes do not meet there is nothing to build
+    box[k] = static_cast<int>(std::floor((lower - plan_.origin[k]) / plan_.voxel_size / kSide));
+    box[3 + k] = static_cast<int>(std::floor((upper - plan_.origin[k]) / plan_.voxel_size / kSide)) + 1;
   }
   return box;
 }
 
-std::vector<Candidate> Builder::find_leaves(size_t most) const {
-  const std::array<int, 6> box = leaf_box();
-  std::vector<Candidate> found;
-  if (!plan_.true_distances) {
+// The leaves of all boxes, each once; no more than twice as many as `most`.
+std::vector<Candidate> Builder::leaves_of_boxes(size_t most) const {
+  std::vector<std::array<int, 3>> places;
+  const auto add = [&](const std::array<int, 6>& box) {
     for (int x = box[0]; x < box[3]; ++x)
       for (int y = box[1]; y < box[4]; ++y) {
         check_cancelled();
         for (int z = box[2]; z < box[5]; ++z) {
-          if (found.size() > most) return found;
-          found.push_back({x * kSide, y * kSide, z * kSide, false, 0, ~0u});
+          if (places.size() > 2 * most) return;
+          places.push_back({x, y, z});
         }
       }
-    return found;
-  }
+  };
+  if (plan_.boxes.empty()) add(leaf_box());
+  for (const auto& [lower, upper] : plan_.boxes) add(leaf_box(lower, upper, 0));
+  std::sort(places.begin(), places.end());
+  places.erase(std::unique(places.begin(), places.end()), places.end());
+  std::vector<Candidate> found;
+  for (const auto& [x, y, z] : places) found.push_back({x * kSide, y * kSide, z * kSide, false, 0, ~0u});
+  return found;
+}
+
+std::vector<Candidate> Builder::find_leaves(size_t most) const {
+  if (!plan_.true_distances) return leaves_of_boxes(most);
+  const std::array<int, 6> box = leaf_box();
+  std::vector<Candidate> found;
   // Cubes of leaves, halved level by level; what is far outside falls away early. Breadth first, so that a level's tests run at once.
   struct Cube {
     int x, y, z;  // leaves
@@ -164,7 +180,7 @@ std::string in_mib(double bytes) {
 }
 
 double longest_side(const SdfPlan& plan) {
-  const Vec3d size = plan.upper - plan.lower;
+  const Vec3d size = plan.only ? (*plan.only)[1] - (*plan.only)[0] : plan.upper - plan.lower;
   return std::max({size.x, size.y, size.z});
 }
 
@@ -196,6 +212,7 @@ Sdf Builder::build() {
     for (size_t n = begin; n < end; ++n) {
       if (kept.load(std::memory_order_relaxed) * kLeafBytes > plan_.memory_limit) return;
       const Candidate& c = candidates[n];
+      if (plan_.check_cancelled) plan_.check_cancelled();
       auto leaf = std::make_unique<Leaf>(openvdb::Coord(c.x, c.y, c.z), static_cast<float>(plan_.band * plan_.voxel_size), false);
       if (c.deep) {
         sample_deep(c, *leaf);

@@ -1,7 +1,10 @@
 // OpenVDB's side of Sdf: building a sparse grid from any distance function, and level sets from and to .vdb and .nvdb files. The only place that knows
 // OpenVDB; what leaves it is a NanoVDB blob. Safe inside any executor.
 #pragma once
+#include <array>
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +20,9 @@ struct SdfPlan {
   double band = 4;                            // outside band, voxels; beyond it the grid holds +band * voxel_size
   uint64_t memory_limit = uint64_t{2} << 30;  // bytes that the build may take
   double world_scale = 1;                     // world units per local unit, for messages
+  std::optional<std::array<Vec3d, 2>> only;   // lower and upper corner of a box, local space: nothing is built outside; none: all is
+  std::vector<std::array<Vec3d, 2>> boxes;    // where true_distances are false: boxes outside which the function is the background; none: anywhere
+  std::function<void()> check_cancelled;      // asked all along; null: never
   bool true_distances = true;                 // the function is a distance everywhere; false when it saturates beyond the band
 };
 

@@ -40,8 +40,8 @@ struct ContactEnergy {
   const float* slack;      // [samples] how far H may move before the sample may come in contact, cells
   const float* travelled;  // how far H has moved at most since the list was made, cells
   ContactSum* result;
-  Vec3f entry[kMostColliders];  // unit, the way a collider came in
-  ColliderView colliders[kMostColliders];
+  const Vec3f* entry;             // [colliders] unit, the way a collider came in
+  const ColliderView* colliders;  // [colliders] those that M can meet (MetColliders)
   uint32_t count;
   uint32_t samples;
   float margin;     // cells

@@ -61,6 +61,7 @@ struct ContactExit {
   static constexpr float kLeastStep = 0.02f;  // of a voxel
   ContactEnergy contact;
   uint32_t collider;
+  Vec3f entry;   // unit, the way in
   float reach;   // cells
   float* exits;  // [samples] of this collider
 
@@ -77,7 +78,7 @@ struct ContactExit {
       inside = inside || phi < 0;
       const float size = phi < 0 ? -phi : phi, along = size > least ? size : least;
       gone += along;
-      y += along * contact.entry[collider];
+      y += along * entry;
     }
     exits[s] = inside ? gone : -1.0f;
   }

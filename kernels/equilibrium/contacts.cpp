@@ -3,8 +3,6 @@
 #include <bit>
 #include <cmath>
 
-#include "graph/error.h"
-#include "kernels/loop/approach.h"
 #include "kernels/loop/collide.h"
 #include "kernels/parallel.h"
 
@@ -14,6 +12,7 @@ namespace {
 constexpr size_t kFewSamples = ContactEnergy::kGrain;
 // Samples as near to a collider as this are listed, cells. Half and double give the same bits; less lists oftener, more looks at more samples.
 constexpr float kSkin = 3;
+constexpr uint32_t kNone = std::bit_cast<uint32_t>(-1.0f);
 
 }  // namespace
 
@@ -31,14 +30,8 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
       force_on_h_(filled<Row4>(executor, on_host() ? rest.rows : 0)),
       now_(rest.samples.vertices + 1, executor.memory()),
       volume_gradient_(rest.samples.vertices + 1, executor.memory()),
-      multiplier_(filled<float>(executor, colliders.size() * rest.samples.size() + 1)),
-      distance_(multiplier_.size(), executor.memory()),
       slack_(filled<float>(executor, rest.samples.size())),
       skin_(kSkin) {
-  if (colliders.size() > kMostColliders)
-    throw Error(ErrorCode::kInput,
-                std::to_string(colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one solve takes",
-                "join some of them with union_sdf");
   const RestTables& s = rest_.on;
   list_.reserve(samples());
   body_.offsets = s.offsets;
@@ -47,35 +40,58 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   body_.rest = s.sample_rest;
   body_.area = s.area;
   body_.slack = slack_.data_for_write();
-  body_.multiplier = multiplier_.data_for_write();
   body_.travelled = &sums_->travelled;
   body_.result = &sums_->contact;
-  body_.distance = distance_.data_for_write();
   body_.force = force_.data_for_write();
-  body_.count = static_cast<uint32_t>(colliders.size());
   body_.samples = static_cast<uint32_t>(samples());
   body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
   body_.law.gap = static_cast<float>(settings.contact_gap * rest_.diagonal);
   body_.friction = static_cast<float>(settings.friction);
-  normal_ = filled<Row4>(executor_, multiplier_.size());
-  body_.normal = normal_.data_for_write();
-  if (settings.friction > 0) {
-    stuck_ = filled<Row4>(executor_, multiplier_.size());
-    began_ = filled<float>(executor_, multiplier_.size(), std::bit_cast<uint32_t>(-1.0f));
-    body_.stuck = stuck_.data_for_write();
-    body_.began = began_.data_for_write();
-  }
   const Similarity to_world = placement * rest_.to_local;
+  std::vector<ColliderView> views;
   for (size_t k = 0; k < colliders.size(); ++k) {
     check_margin(*colliders[k], placement, settings.margin, k);
-    body_.colliders[k] = view_collider(*colliders[k], executor_.device(), to_world);
-    const float band = colliders[k]->outside_band * body_.colliders[k].scale;
+    views.push_back(view_collider(*colliders[k], executor_.device(), to_world));
+    const float band = colliders[k]->outside_band * views[k].scale;
     skin_ = std::min(skin_, band);
     body_.law.gap = std::min(body_.law.gap, std::max(0.0f, static_cast<float>(settings.constants.contact.most_of_band) * (band - body_.margin)));
   }
   body_.law.gentle = static_cast<float>(settings.constants.contact.gap_pressure * (1 + rest_.lame) /
                                         std::max(1e-20, static_cast<double>(body_.law.gap) * body_.stiffness));
+  met_ = MetColliders(executor_, rest_.samples, std::move(views));
+  met_.meet(length(settings.entry) > 0 ? rest_.diagonal : skin_);  // A way in that is given is looked for as far as that.
+  make_room();
+}
+
+void EquilibriumContacts::make_room() {
+  const size_t size = met_.count() * samples();
+  grow(executor_, multiplier_, size);
+  grow(executor_, normal_, size);
+  grow(executor_, distance_, size, std::bit_cast<uint32_t>(ContactEnergy::kFar));
+  body_.multiplier = multiplier_.data_for_write();
+  body_.distance = distance_.data_for_write();
+  body_.normal = normal_.data_for_write();
+  if (settings_.friction > 0) {
+    grow(executor_, stuck_, size);
+    grow(executor_, began_, size, kNone);
+    body_.stuck = stuck_.data_for_write();
+    body_.began = began_.data_for_write();
+  }
+  if (body_.exits) {
+    grow(executor_, exits_, size, kNone);
+    body_.exits = exits_.data_for_write();
+  }
+  ways_.resize(met_.count(), Vec3d{0, 0, 0});
+  body_.count = met_.count();
+  body_.colliders = met_.published_views(executor_);
+  body_.entry = met_.published_entries(executor_);
+}
+
+bool EquilibriumContacts::meet(double moved) {
+  if (moved < met_.nearest_unmet() || !met_.meet(moved + static_cast<double>(skin_))) return false;
+  make_room();
+  return true;
 }
 
 void EquilibriumContacts::evaluate(const Row4* u, bool again) {
@@ -127,7 +143,7 @@ void EquilibriumContacts::list_samples(const Row4* u, float travelled) {
   body_.list = list_.data();
 }
 
-// The mean of the rest normals of what is inside a collider, the deeper the weightier, turned inwards; zero when they do not agree.
+// The mean of the rest normals of what is inside a collider, weighted by depth, turned inwards; zero when they do not agree.
 Vec3d EquilibriumContacts::against_patch(const float* distance) const {
   const SampleTable& s = rest_.samples;
   Vec3d facing{0, 0, 0};
@@ -142,59 +158,65 @@ Vec3d EquilibriumContacts::against_patch(const float* distance) const {
   return size > settings_.constants.way_in.one_side * area && area > 0 ? (-1 / size) * facing : Vec3d{0, 0, 0};
 }
 
+std::vector<WayIn> EquilibriumContacts::ways_of_met() const {
+  if (!rest_.surface.topology) return std::vector<WayIn>(met_.count());
+  Executor& host = on_host() ? executor_ : stand_in();
+  std::vector<Sdf> fields;
+  std::vector<const Sdf*> colliders;
+  fields.reserve(met_.count());
+  for (uint32_t slot = 0; slot < met_.count(); ++slot) {
+    const uint32_t k = met_.collider(slot);
+    colliders.push_back(on_host() ? colliders_[k] : &fields.emplace_back(settings_.on_host(k)));
+  }
+  CollideInput input;
+  input.points = rest_.surface.points.host();
+  input.placement = placement_;
+  input.colliders = colliders;
+  input.margin = settings_.margin;
+  return ways_in(host, input, rest_.surface.topology->triangles, [&]() -> const MeshDistance& { return rest_.searchable(host); });
+}
+
 bool EquilibriumContacts::find_entries(const Vec3d& given) {
-  const SampleTable& s = rest_.samples;
-  constexpr uint32_t kNone = std::bit_cast<uint32_t>(-1.0f);
-  exits_ = filled<float>(executor_, body_.count * s.size(), kNone);
+  exits_ = filled<float>(executor_, met_.count() * samples(), kNone);
   const std::vector<float> distances = this->distances();
-  std::vector<WayIn> ways(body_.count);
+  const std::vector<WayIn> ways = ways_of_met();
+  ways_.assign(met_.count(), Vec3d{0, 0, 0});
   undecided_ = 0;
-  if (rest_.surface.topology) {
-    Executor& host = on_host() ? executor_ : stand_in();
-    std::vector<Sdf> fields;
-    std::vector<const Sdf*> colliders(colliders_.begin(), colliders_.end());
-    fields.reserve(colliders.size());
-    for (size_t k = 0; k < colliders.size() && !on_host(); ++k) colliders[k] = &fields.emplace_back(settings_.on_host(k));
-    CollideInput input;
-    input.points = rest_.surface.points.host();
-    input.placement = placement_;
-    input.colliders = colliders;
-    input.margin = settings_.margin;
-    ways = ways_in(host, input, rest_.surface.topology->triangles, [&]() -> const MeshDistance& { return rest_.searchable(host); });
-  }
-  final_views_.assign(body_.colliders, body_.colliders + body_.count);
-  ways_.assign(body_.count, Vec3d{0, 0, 0});
   bool any = false;
-  for (uint32_t k = 0; k < body_.count; ++k) {
-    float* exits = exits_.data_for_write() + k * s.size();
-    const bool is_given = length(given) > 0;
-    undecided_ += !is_given && ways[k].undecided;
-    const float* distance = distances.data() + k * s.size();
-    const double deepest = -rest_.to_local.scale * static_cast<double>(*std::min_element(distance, distance + s.size()));
-    if (!is_given && ways[k].length > settings_.constants.way_in.deep * deepest) {
-      ways_[k] = (ways[k].length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(ways[k].direction);
-      find_beginnings(k, (1 / length(ways_[k])) * ways_[k]);
-      continue;
-    }
-    const Vec3d entry = is_given ? (1 / length(given)) * (placement_ * rest_.to_local).inverse().rotate(given) : against_patch(distance);
-    if (length(entry) == 0) continue;
-    find_beginnings(k, entry);
-    body_.entry[k] = to_float(entry);
-    parallel_for(executor_, s.size(), ContactExit{body_, k, is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits}, kFewSamples);
-    any = true;
-    if (!is_given) continue;
-    const std::vector<float> gone = read(exits, s.size());
-    ways_[k] = static_cast<double>(std::max(0.0f, *std::max_element(gone.begin(), gone.end()))) * entry;
-    parallel_for(executor_, s.size(), FillWords{reinterpret_cast<uint32_t*>(exits), kNone});
-  }
+  for (uint32_t slot = 0; slot < met_.count(); ++slot) any = find_entry(slot, given, ways[slot], distances.data() + slot * samples()) || any;
+  body_.entry = met_.published_entries(executor_);
   body_.exits = any ? exits_.data_for_write() : nullptr;
   return any || longest_way() > 0;
 }
 
-void EquilibriumContacts::find_beginnings(uint32_t k, const Vec3d& entry) {
+// Of one collider. Whether there is one; a collider that can stand back has none, but where it is given.
+bool EquilibriumContacts::find_entry(uint32_t slot, const Vec3d& given, const WayIn& way, const float* distance) {
+  float* exits = exits_.data_for_write() + slot * samples();
+  const bool is_given = length(given) > 0;
+  undecided_ += !is_given && way.undecided;
+  const double deepest = -rest_.to_local.scale * static_cast<double>(*std::min_element(distance, distance + samples()));
+  if (!is_given && way.length > settings_.constants.way_in.deep * deepest) {
+    ways_[slot] = (way.length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(way.direction);
+    find_beginnings(slot, (1 / length(ways_[slot])) * ways_[slot]);
+    return false;
+  }
+  const Vec3d entry = is_given ? (1 / length(given)) * (placement_ * rest_.to_local).inverse().rotate(given) : against_patch(distance);
+  if (length(entry) == 0) return false;
+  find_beginnings(slot, entry);
+  met_.entries[slot] = to_float(entry);
+  parallel_for(executor_, samples(), ContactExit{body_, slot, to_float(entry), is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits},
+               kFewSamples);
+  if (!is_given) return true;
+  const std::vector<float> gone = read(exits, samples());
+  ways_[slot] = static_cast<double>(std::max(0.0f, *std::max_element(gone.begin(), gone.end()))) * entry;
+  parallel_for(executor_, samples(), FillWords{reinterpret_cast<uint32_t*>(exits), kNone});
+  return true;
+}
+
+void EquilibriumContacts::find_beginnings(uint32_t slot, const Vec3d& entry) {
   if (began_.empty()) return;
-  body_.entry[k] = to_float(entry);
-  parallel_for(executor_, samples(), ContactExit{body_, k, 0, began_.data_for_write() + k * samples()}, kFewSamples);
+  met_.entries[slot] = to_float(entry);
+  parallel_for(executor_, samples(), ContactExit{body_, slot, to_float(entry), 0, began_.data_for_write() + slot * samples()}, kFewSamples);
 }
 
 size_t EquilibriumContacts::enclosed() const {
@@ -205,16 +227,19 @@ size_t EquilibriumContacts::enclosed() const {
     upper = {std::max(upper.x, y.x), std::max(upper.y, y.y), std::max(upper.z, y.z)};
   }
   const std::vector<float> multipliers = read(body_.multiplier, body_.count * samples()), distances = this->distances();
+  const auto touches = [&](uint32_t slot) {
+    for (size_t i = slot * samples(); i < (slot + 1) * samples(); ++i)
+      if (body_.law.at(multipliers[i] - distances[i]).force > 0) return true;
+    return false;
+  };
   Executor& host = on_host() ? executor_ : stand_in();
   size_t count = 0;
   for (size_t k = 0; k < colliders_.size(); ++k) {
-    const auto has_force = [&](size_t i) { return body_.law.at(multipliers[i] - distances[i]).force > 0; };
-    size_t i = k * samples();
-    while (i < (k + 1) * samples() && !has_force(i)) ++i;
-    if (i < (k + 1) * samples()) continue;
-    const Vec3f c = body_.colliders[k].centre;
+    const uint32_t slot = met_.slot(k);
+    const Vec3f c = slot == MetColliders::kUnmet ? met_.original(k).centre : met_.views[slot].centre;
     if (c.x < lower.x || c.y < lower.y || c.z < lower.z || c.x > upper.x || c.y > upper.y || c.z > upper.z) continue;  // most frames without contact
-    count += rest_.searchable(host).inside(rest_.to_local.apply(to_double(body_.colliders[k].centre)));
+    if (slot != MetColliders::kUnmet && touches(slot)) continue;
+    count += rest_.searchable(host).inside(rest_.to_local.apply(to_double(c)));
   }
   return count;
 }
@@ -226,8 +251,9 @@ double EquilibriumContacts::longest_way() const {
 }
 
 // How far a collider may come in at a time, cells: else flesh gets past its middle, and stays on the wrong side with tets inside out.
-double EquilibriumContacts::most_at_a_time(size_t k) const {
-  return settings_.constants.way_in.of_thickness * static_cast<double>(colliders_[k]->inside_depth) * static_cast<double>(body_.colliders[k].scale);
+double EquilibriumContacts::most_at_a_time(size_t slot) const {
+  return settings_.constants.way_in.of_thickness * static_cast<double>(colliders_[met_.collider(slot)]->inside_depth) *
+         static_cast<double>(met_.views[slot].scale);
 }
 
 double EquilibriumContacts::steps_in(double stride) const {
@@ -252,17 +278,27 @@ bool EquilibriumContacts::stand_free() const {
 void EquilibriumContacts::stand_back(double share) {
   for (size_t k = 0; k < ways_.size(); ++k) {
     const Vec3f shift = to_float(-share * ways_[k]);
-    ColliderView& view = body_.colliders[k];
-    view = final_views_[k];
+    ColliderView& view = met_.views[k];
+    view = met_.original(met_.collider(k));
     view.offset = view.to_index(-shift);
     view.centre += shift;
   }
+  body_.colliders = met_.published_views(executor_);
 }
 
 void EquilibriumContacts::set_pressures(std::span<const float> contacts, double volume) {
-  std::vector<float> multipliers(body_.count * samples(), 0.0f);
-  if (contacts.size() == multipliers.size())
-    std::transform(contacts.begin(), contacts.end(), multipliers.begin(), [&](float p) { return p / body_.stiffness; });
+  const size_t n = samples();
+  bool is_new = false;
+  if (contacts.size() == colliders_.size() * n)
+    for (size_t k = 0; k < colliders_.size(); ++k) {
+      const std::span<const float> of = contacts.subspan(k * n, n);
+      if (std::any_of(of.begin(), of.end(), [](float p) { return p > 0; })) is_new = met_.take_in(k) || is_new;
+    }
+  if (is_new) make_room();
+  std::vector<float> multipliers(body_.count * n, 0.0f);
+  if (contacts.size() == colliders_.size() * n)
+    for (uint32_t slot = 0; slot < met_.count(); ++slot)
+      for (size_t i = 0; i < n; ++i) multipliers[slot * n + i] = contacts[met_.collider(slot) * n + i] / body_.stiffness;
   const double volume_multiplier = volume / volume_stiffness();
   executor_.copy(multipliers.data(), Device{}, multiplier_.data_for_write(), executor_.device(), multipliers.size() * sizeof(float));
   executor_.copy(&volume_multiplier, Device{}, &sums_->volume.multiplier, executor_.device(), sizeof volume_multiplier);
@@ -275,9 +311,9 @@ Buffer<float> EquilibriumContacts::pressures() const {
   const SampleTable& s = rest_.samples;
   const std::vector<float> multipliers = read(body_.multiplier, body_.count * samples()), distances = this->distances();
   const float nearby = static_cast<float>(settings_.constants.contact.nearby);
-  Buffer<float> pressures(multipliers.size());
-  float* pressure = pressures.data_for_write();
+  Buffer<float> pressures(std::vector<float>(colliders_.size() * s.size(), 0.0f));
   for (uint32_t k = 0; k < body_.count; ++k) {
+    float* pressure = pressures.data_for_write() + met_.collider(k) * s.size();
     std::vector<double> force(rest_.vertices, 0), area(rest_.vertices, 0);
     const float *lambda = multipliers.data() + k * s.size(), *phi = distances.data() + k * s.size();
     const auto is_near = [&](size_t i) { return lambda[i] > 0 || phi[i] < nearby; };
@@ -292,7 +328,7 @@ Buffer<float> EquilibriumContacts::pressures() const {
     for (size_t i = 0; i < s.size(); ++i) {
       double sum = 0;
       if (is_near(i)) each_vertex(i, [&](uint32_t p, double w) { sum += area[p] > 0 ? w * force[p] / area[p] : 0; });
-      pressure[k * s.size() + i] = static_cast<float>(std::max(0.0, sum));
+      pressure[i] = static_cast<float>(std::max(0.0, sum));
     }
   }
   return pressures;
@@ -306,7 +342,7 @@ UnsettledContact EquilibriumContacts::most_unsettled() const {
     const float change = std::abs(body_.law.at(multipliers[i] - distances[i]).force - multipliers[i]);
     if (!(change > largest)) continue;
     largest = change;
-    most = {i / samples(), rest_.to_local.apply(to_double(rest_.samples.rest[i % samples()]))};
+    most = {met_.collider(i / samples()), rest_.to_local.apply(to_double(rest_.samples.rest[i % samples()]))};
   }
   return most;
 }

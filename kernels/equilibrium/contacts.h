@@ -6,8 +6,10 @@
 
 #include "kernels/equilibrium/contact_samples_body.h"
 #include "kernels/equilibrium/energy_sums.h"
+#include "kernels/equilibrium/met_colliders.h"
 #include "kernels/equilibrium/rest_tables.h"
 #include "kernels/equilibrium/rows.h"
+#include "kernels/loop/approach.h"
 
 namespace knead {
 
@@ -28,6 +30,10 @@ class EquilibriumContacts {
   // there was none yet, or colliders have moved since.
   void list_samples(const Row4* u, float travelled);
   float skin() const { return skin_; }
+  // Takes in the colliders that have come near, where `moved` is how far H has moved from rest, or more, cells. Whether there are new ones: then what was listed
+  // and evaluated is to be done again.
+  bool meet(double moved);
+  bool all_met() const { return met_.all_met(); }
 
   // Where colliders came in: by `given` (world; zero: not given), else as kernels/loop/approach.h finds it: these can stand back. Else by the normals of what is
   // inside, if these agree: its samples are held by the way in, not by the nearest way out. Whether there is one; call at rest, after evaluate.
@@ -76,7 +82,10 @@ class EquilibriumContacts {
   size_t samples() const { return rest_.samples.size(); }
   bool on_host() const { return executor_.device() == Device{}; }
   std::vector<float> read(const float* values, size_t n) const;
-  double most_at_a_time(size_t collider) const;
+  double most_at_a_time(size_t slot) const;
+  void make_room();  // for the colliders met since
+  std::vector<WayIn> ways_of_met() const;
+  bool find_entry(uint32_t slot, const Vec3d& given, const WayIn& way, const float* distance);
   std::vector<float> distances() const { return read(body_.distance, body_.count * samples()); }
 
   Executor& executor_;
@@ -91,8 +100,8 @@ class EquilibriumContacts {
   Buffer<float> multiplier_, distance_;
   Buffer<Row4> normal_, stuck_;
   Buffer<float> began_;
-  std::vector<ColliderView> final_views_;  // where the colliders are in the end
-  std::vector<Vec3d> ways_;                // along which the colliders come there
+  MetColliders met_;         // the kernels' colliders, by slot
+  std::vector<Vec3d> ways_;  // by slot: along which the colliders come to their places
   Buffer<float> slack_, exits_;
   std::vector<uint32_t> list_;    // on the host: the samples that may have a force
   std::vector<uint32_t> loaded_;  // on the host: the vertices of H with a force in force_on_h_

@@ -32,13 +32,18 @@ Evaluation EquilibriumEnergy::evaluate(Rows& u, Rows& gradient) {
   return evaluate_contacts(u, gradient);
 }
 
-// A device has not told how far H has travelled since contacts were listed: where that was too far, the contacts are listed and evaluated again.
+// A device has not told how far H has travelled since contacts were listed: where that was too far, the contacts are listed and evaluated again. So they are
+// where H has come near another collider.
 Evaluation EquilibriumEnergy::evaluate_contacts(Rows& u, Rows& gradient, bool again) {
   for (;;) {
     const bool fresh = !listed_;
     add_contacts(u, again);
     gather(u, gradient);
     look();
+    if (contacts_.meet(seen_.from_rest + seen_.travelled)) {
+      again = listed_ = false;
+      continue;
+    }
     if (on_host() || fresh || seen_.travelled < contacts_.skin()) break;
     listed_ = false;
   }
@@ -67,6 +72,7 @@ void EquilibriumEnergy::add_contacts(Rows& u, bool again) {
 void EquilibriumEnergy::list_contacts(Rows& u, float travelled) {
   listed_ = true;
   parallel_for(executor_, rest_.vertices, CopyRows{u.data(), listed_at_.data()});
+  if (!contacts_.all_met()) reduce(executor_, rest_.vertices, Farthest{u.data(), nullptr, &sums().from_rest});
   contacts_.list_samples(u.data(), travelled);
 }
 

@@ -13,6 +13,7 @@ struct EquilibriumSums {
   EnclosedVolume volume;
   GatherForces::Sum forces;
   float travelled = 0;  // how far any vertex of H has gone since contacts were listed, cells
+  float from_rest = 0;  // how far any vertex of H was from rest then, cells; 0 where all colliders are met
   float step = 0;       // how far any vertex of H has gone in the last step, cells
   double slope = 0;     // of the energy along the direction
 };

@@ -55,11 +55,11 @@ struct GatherForces {
 // How far any vertex of H is in one shape from where the vertex is in the other, or a little more.
 struct Farthest {
   static constexpr const char* kKernel = "farthest";
-  const Row4 *a, *b;
+  const Row4 *a, *b;  // b null: all zero
   float* result;
 
   KNEAD_HD float operator()(uint32_t p) const {
-    const Vec3f d = to_vec(a[p]) - to_vec(b[p]);
+    const Vec3f d = b ? to_vec(a[p]) - to_vec(b[p]) : to_vec(a[p]);
     return dot(d, d);
   }
   static KNEAD_HD float combine(float a, float b) { return a < b ? b : a; }

@@ -2,6 +2,7 @@
 #pragma once
 #include "graph/buffer.h"
 #include "graph/executor.h"
+#include "graph/loop.h"
 #include "kernels/parallel.h"
 #include "kernels/row4.h"
 
@@ -13,6 +14,15 @@ Buffer<T> filled(Executor& executor, size_t n, uint32_t word = 0) {
   Buffer<T> made(n, executor.memory());
   parallel_for(executor, made.bytes() / sizeof word, FillWords{reinterpret_cast<uint32_t*>(made.data_for_write()), word}, size_t{1} << 16);
   return made;
+}
+
+// The same buffer with room for `size`: what is new has words `word`.
+template <class T>
+void grow(Executor& executor, Buffer<T>& buffer, size_t size, uint32_t word = 0) {
+  Buffer<T> larger = filled<T>(executor, size, word);
+  const CopyWords old{reinterpret_cast<const uint32_t*>(buffer.view(executor.device()).data()), reinterpret_cast<uint32_t*>(larger.data_for_write())};
+  parallel_for(executor, buffer.bytes() / sizeof word, old, size_t{1} << 16);
+  buffer = std::move(larger);
 }
 
 class Rows {

@@ -34,7 +34,7 @@ DisjointSets joined(std::span<const uint32_t> triangles, size_t vertices, const 
 class Patch {
  public:
   Patch(Executor& executor, const CollideInput& input, std::span<const uint32_t> triangles)
-      : executor_(executor), push_(make_push(executor, input)), points_(input.points), triangles_(triangles), inside_(points_.size()) {
+      : executor_(executor), push_(make_push(executor, input, many_)), points_(input.points), triangles_(triangles), inside_(points_.size()) {
     hit_ = reduce_sum(executor, points_.size(), "approach_inside", [&](uint32_t i) -> size_t {
       uint32_t nearest = 0;
       inside_[i] = push_.distance(points_[i], nearest) < 0;
@@ -118,7 +118,7 @@ class Patch {
   bool leads_astray() const {
     const Vec3f in = to_float(inwards_);
     return reduce_max(executor_, points_.size(), "approach_astray", [&](uint32_t v) -> int {
-             return inside_[v] && dot(CollidePush::outwards(push_.colliders[0], points_[v], true), in) < kWrongWay;
+             return inside_[v] && dot(CollidePush::outwards(push_.collider(0).view, points_[v], true), in) < kWrongWay;
            }) > 0;
   }
 
@@ -199,6 +199,7 @@ class Patch {
   }
 
   Executor& executor_;
+  ManyColliders many_;
   CollidePush push_;
   std::span<const Vec3f> points_;
   std::span<const uint32_t> triangles_;

@@ -9,9 +9,10 @@
 #include <vector>
 
 #include "graph/error.h"
+#include "kernels/device_tables.h"
 #include "kernels/loop/collide_launch.h"
 #include "kernels/parallel.h"
-#include "kernels/surface/mesh_distance.h"
+#include "kernels/surface/exact_distance.h"
 
 namespace knead {
 namespace {
@@ -38,10 +39,15 @@ ColliderView view_collider(const Sdf& sdf, Device device, const Similarity& body
   view.scale = static_cast<float>(1 / local.scale);
   view.centre = to_float(local.inverse().apply((to_double(sdf.lower) + to_double(sdf.upper)) * 0.5));
   const float reach = sdf.outside_band / sdf.voxel_size + kBoxMargin;
-  const Vec3f lower = to_float((to_double(sdf.lower) - origin) * to_voxels), upper = to_float((to_double(sdf.upper) - origin) * to_voxels);
+  const auto index = [&](const Vec3f& local) { return to_float((to_double(local) - origin) * to_voxels); };
+  const Vec3f lower = index(sdf.lower), upper = index(sdf.upper), known_lower = index(sdf.known_lower), known_upper = index(sdf.known_upper);
   view.sdf.voxel = sdf.voxel_size;
   view.sdf.lower = lower - Vec3f{reach, reach, reach};
   view.sdf.upper = upper + Vec3f{reach, reach, reach};
+  for (int k = 0; k < 3; ++k) {
+    view.sdf.lower[k] = std::max(view.sdf.lower[k], known_lower[k]);
+    view.sdf.upper[k] = std::min(view.sdf.upper[k], known_upper[k]);
+  }
   return view;
 }
 
@@ -70,31 +76,82 @@ void find_box(const Sdf& sdf, const Similarity& body, const SdfView& view, Vec3f
 
 }  // namespace
 
-CollidePush make_push(Executor& executor, const CollideInput& input) {
-  if (input.colliders.size() > kMostColliders)
-    throw Error(ErrorCode::kInput,
-                std::to_string(input.colliders.size()) + " colliders are more than the " + std::to_string(kMostColliders) + " that one push takes",
-                "join some of them with union_sdf");
+namespace {
+
+PushCollider push_collider(Executor& executor, const CollideInput& input, size_t k) {
+  check_margin(*input.colliders[k], input.placement, input.margin, k);
+  PushCollider collider{view_collider(*input.colliders[k], executor.device(), input.placement), {}, {}, static_cast<uint32_t>(k)};
+  find_box(*input.colliders[k], input.placement, collider.view.sdf, collider.lower, collider.upper);
+  return collider;
+}
+
+struct Box {
+  Vec3f lower, upper;
+  bool clear_of(const PushCollider& c) const {
+    return upper.x < c.lower.x || upper.y < c.lower.y || upper.z < c.lower.z || lower.x > c.upper.x || lower.y > c.upper.y || lower.z > c.upper.z;
+  }
+};
+
+// NaNs are passed over; with nothing else the box is clear of everything.
+Box box_of(std::span<const Vec3f> points) {
+  constexpr float kMost = std::numeric_limits<float>::max();
+  Box box{{kMost, kMost, kMost}, {-kMost, -kMost, -kMost}};
+  for (const Vec3f& p : points)
+    for (int k = 0; k < 3; ++k) box.lower[k] = std::min(box.lower[k], p[k]), box.upper[k] = std::max(box.upper[k], p[k]);
+  return box;
+}
+
+}  // namespace
+
+Buffer<std::byte> prepare_colliders(Executor& executor, const CollideInput& input) {
+  if (executor.device() == Device{} || input.colliders.size() <= CollidePush::kFew) return {};
+  std::vector<PushCollider> all;
+  for (size_t k = 0; k < input.colliders.size(); ++k) all.push_back(push_collider(executor, input, k));
+  const Buffer<PushCollider> there = device_copy(executor, std::span<const PushCollider>(all));
+  executor.synchronise();
+  return there.as<std::byte>();
+}
+
+CollidePush make_push(Executor& executor, const CollideInput& input, ManyColliders& many) {
   CollidePush body{};
   body.points = input.points.data();
   body.memory = input.memory.empty() ? nullptr : input.memory.data();
-  for (size_t k = 0; k < input.colliders.size(); ++k) {
-    check_margin(*input.colliders[k], input.placement, input.margin, k);
-    body.colliders[k] = view_collider(*input.colliders[k], executor.device(), input.placement);
-    find_box(*input.colliders[k], input.placement, body.colliders[k].sdf, body.lower[k], body.upper[k]);
-  }
-  body.count = static_cast<uint32_t>(input.colliders.size());
   body.margin = static_cast<float>(input.margin);
   body.rate = static_cast<float>(input.rate);
   body.most = static_cast<float>(input.most);
   body.diagonal = input.diagonal;
   body.before = input.before;
   body.stand_back = input.stand_back.empty() ? nullptr : input.stand_back.data();
+  body.left_out = std::numeric_limits<float>::max();
+  const size_t all = input.colliders.size();
+  if (executor.device() != Device{} && all > CollidePush::kFew) {
+    many.there = input.prepared.empty() ? prepare_colliders(executor, input) : input.prepared;
+    body.many = many.there.as<PushCollider>().view(executor.device()).data();
+    body.count = static_cast<uint32_t>(all);
+    return body;
+  }
+  const bool in_place = input.stand_back.empty() && executor.device() == Device{};
+  const Box box = in_place && all > 1 ? box_of(input.points) : Box{};
+  for (size_t k = 0; k < all; ++k) {
+    const PushCollider one = push_collider(executor, input, k);
+    if (in_place && all > 1 && box.clear_of(one)) {
+      body.left_out = std::min(body.left_out, SdfSampler(one.view.sdf).background() * one.view.scale - body.margin);
+      continue;
+    }
+    if (body.count == CollidePush::kFew) many.here.assign(body.few, body.few + CollidePush::kFew);
+    if (body.count < CollidePush::kFew)
+      body.few[body.count] = one;
+    else
+      many.here.push_back(one);
+    ++body.count;
+  }
+  body.many = many.here.empty() ? nullptr : many.here.data();
   return body;
 }
 
 void collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out, ContactProgress* after) {
-  CollidePush body = make_push(executor, input);
+  ManyColliders many;
+  CollidePush body = make_push(executor, input, many);
   body.displacement = displacement;
   body.memory_out = memory_out;
   body.after = after;
@@ -120,6 +177,7 @@ class Projector {
       check_margin(*input.colliders[k], input.placement, input.margin, k);
       views_.push_back(view_collider(*input.colliders[k], Device{}, input.placement));
       local_.push_back(to_collider(*input.colliders[k], input.placement));
+      find_box(*input.colliders[k], input.placement, views_[k].sdf, lower_.emplace_back(), upper_.emplace_back());
     }
   }
 
@@ -137,15 +195,20 @@ class Projector {
   // The same in the fields' interpolants alone, which are off by part of a voxel; and the most that the part may be.
   double sampled_depth(const Vec3d& y) const {
     double deepest = -std::numeric_limits<double>::infinity();
-    for (const ColliderView& view : views_)
-      deepest = std::max(deepest, input_.margin - static_cast<double>(SdfSampler(view.sdf).value(view.to_index(to_float(y))) * view.scale));
+    for (size_t k = 0; k < views_.size(); ++k)
+      deepest =
+          std::max(deepest, input_.margin - (only_exact(k) ? exact_distance(y, k).distance / local_[k].scale : static_cast<double>(sampled(y, k))));
     return deepest;
   }
   // Whether nothing within `radius` of y can be in collision.
   bool free_within(const Vec3d& y, double radius) const {
-    return std::all_of(views_.begin(), views_.end(), [&](const ColliderView& view) {
-      return SdfSampler(view.sdf).least(view.to_index(to_float(y))) * view.scale > input_.margin + radius;
-    });
+    for (size_t k = 0; k < views_.size(); ++k) {
+      const ColliderView& view = views_[k];
+      const double least = only_exact(k) ? exact_distance(y, k).distance / local_[k].scale
+                                         : static_cast<double>(SdfSampler(view.sdf).least(view.to_index(to_float(y))) * view.scale);
+      if (!(least > input_.margin + radius)) return false;
+    }
+    return true;
   }
   double sampling_error() const {
     double most = 0;
@@ -178,16 +241,23 @@ class Projector {
   }
 
  private:
+  // The field is that of a part of the collider, such as a plane's, and the collider is known beside it.
+  bool only_exact(size_t k) const { return !input_.meshes.empty() && input_.meshes[k] && input_.colliders[k]->known_upper.x < Sdf::kEverywhere; }
+  SignedDistance exact_distance(const Vec3d& y, size_t k) const { return input_.meshes[k]->signed_distance(local_[k].apply(y)); }
+  float sampled(const Vec3d& y, size_t k) const { return SdfSampler(views_[k].sdf).value(views_[k].to_index(to_float(y))) * views_[k].scale; }
+
   Contact contact(const Vec3d& y, size_t k) const {
     const ColliderView& view = views_[k];
     const Sdf& sdf = *input_.colliders[k];
+    const bool exact_only = only_exact(k);
+    if (!exact_only && CollidePush::outside(to_float(y), lower_[k], upper_[k])) return {};  // as far away as the band, which the margin is within
     SdfSampler sampler(view.sdf);
     const Vec3f index = view.to_index(to_float(y));
     const double value = sampler.value(index) * view.scale;  // M's local units
-    const MeshDistance* mesh = input_.meshes.empty() ? nullptr : input_.meshes[k];
+    const ExactDistance* mesh = input_.meshes.empty() ? nullptr : input_.meshes[k];
     if (mesh) {
-      if (value > input_.margin + kExactWithin * sdf.voxel_size * view.scale) return {};
-      const SignedDistance exact = mesh->signed_distance(local_[k].apply(y));
+      if (!exact_only && value > input_.margin + kExactWithin * sdf.voxel_size * view.scale) return {};
+      const SignedDistance exact = exact_distance(y, k);
       Vec3d out = exact.normal;
       // Back into M's space by the transposed rotation.
       const auto& r = local_[k].rotation;
@@ -206,6 +276,7 @@ class Projector {
   const ProjectInput& input_;
   std::vector<ColliderView> views_;
   std::vector<Similarity> local_;
+  std::vector<Vec3f> lower_, upper_;  // boxes around the colliders, M's local space
 };
 
 constexpr int kMostSampleSteps = 32;

@@ -8,7 +8,7 @@
 
 namespace knead {
 
-class MeshDistance;
+class ExactDistance;
 struct ColliderView;
 
 // A collider as kernel bodies see it from a body whose local space is placed so; valid while the Sdf's grid lives.
@@ -28,10 +28,14 @@ struct CollideInput {
   double diagonal = 0;                      // of M at rest, local units
   const ContactProgress* before = nullptr;  // of the push before, on the executor's device; null: this is the first
   std::span<const Vec3f> stand_back;        // per collider: where it begins, away from its place, M's local space, on the executor's device; or empty
+  Buffer<std::byte> prepared;               // of prepare_colliders for these colliders and this placement; empty: not prepared
 };
 
-// d_i and the new memory for every vertex, and how it went; all on the executor's device. Throws Error(kInput) for more than kMostColliders colliders
-// or a margin beyond a collider's band.
+// The colliders in the executor's memory, for many pushes of one body. Empty where no push would read them: on the host, which looks each time which of them
+// the body can meet, and for few colliders.
+Buffer<std::byte> prepare_colliders(Executor& executor, const CollideInput& input);
+
+// d_i and the new memory for every vertex, and how it went; all on the executor's device. Throws Error(kInput) for a margin beyond a collider's band.
 void collide_push(Executor& executor, const CollideInput& input, Vec3f* displacement, float* memory_out, ContactProgress* after);
 
 // moved_i = points_i + displacement_i
@@ -41,7 +45,7 @@ struct ProjectInput {
   std::span<const Vec3f> points;  // M's local space, host
   Similarity placement;
   std::span<const Sdf* const> colliders;
-  std::span<const MeshDistance* const> meshes;  // per collider, in its local space, or null: then its grid's interpolant is the collider
+  std::span<const ExactDistance* const> meshes;  // per collider, in its local space, or null: then its grid's interpolant is the collider
   double margin = 0;                            // M's local units
   double clearance = 0;                         // how far outside a moved vertex is put, M's local units; above the rounding of its coordinates
   int rounds = 32;                              // for vertices between several colliders

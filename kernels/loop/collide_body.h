@@ -17,8 +17,16 @@ struct ContactFigures {
   uint32_t pushed = 0;  // vertices with a push that is not zero
 };
 
+struct PushCollider {
+  ColliderView view;
+  Vec3f lower, upper;  // box around it, M's local space: outside it is farther away than the margin
+  uint32_t number;     // among all colliders
+};
+
 struct CollidePush {
   static constexpr const char* kKernel = "collide_push";
+  static constexpr uint32_t kFew = 24;  // so many colliders travel with the body, so that a launch needs no upload
+  static constexpr uint32_t kNone = ~0u;
   const Vec3f* points;            // [n] M's local space
   const float* memory;            // [n] lambda, local units; null: none yet
   Vec3f* displacement;            // [n] d_i, M's local space
@@ -27,12 +35,13 @@ struct CollidePush {
   const ContactProgress* before;  // of the push before this; null: this is the first
   ContactProgress* after;
   double diagonal;  // of M at rest, local units
-  ColliderView colliders[kMostColliders];
-  Vec3f lower[kMostColliders], upper[kMostColliders];  // boxes around them, M's local space: outside they are farther away than the margin
+  PushCollider few[kFew];
+  const PushCollider* many;  // [count] where there are more; null: `few`
   uint32_t count;
-  float margin;  // local units: phi is measured from this far outside the collider
-  float rate;    // how much of phi goes into the memory per iteration
-  float most;    // upper bound of lambda, local units
+  float left_out;  // the least distance of colliders that M's box is clear of, above the margin, local units; they are not among the others
+  float margin;    // local units: phi is measured from this far outside the collider
+  float rate;      // how much of phi goes into the memory per iteration
+  float most;      // upper bound of lambda, local units
 
   // Unit direction out of collider c at y, and zero where there is no slope outside it. On a medial surface inside, away from the collider's centre.
   static KNEAD_HD Vec3f outwards(const ColliderView& c, const Vec3f& y, bool inside) {
@@ -48,19 +57,21 @@ struct CollidePush {
     return g * (1 / size);
   }
 
+  KNEAD_HD const PushCollider& collider(uint32_t k) const { return many ? many[k] : few[k]; }
+
   // The part of the colliders' way in that is left in this push.
   KNEAD_HD float way_left() const {
     return stand_back && before && before->step + 1 < before->steps ? 1 - static_cast<float>(before->step + 1) / static_cast<float>(before->steps)
                                                                     : 0.0f;
   }
-  // y as collider k sees it while it stands back.
-  KNEAD_HD Vec3f seen_by(uint32_t k, const Vec3f& y, float left) const { return left > 0 ? y - stand_back[k] * left : y; }
+  // y as a collider sees it while it stands back.
+  KNEAD_HD Vec3f seen_by(const PushCollider& c, const Vec3f& y, float left) const { return left > 0 ? y - stand_back[c.number] * left : y; }
 
   // True only where no collider is as near as its margin, whatever its distance: most of most bodies. False for NaN.
   KNEAD_HD bool is_far(const Vec3f& y, float left) const {
     for (uint32_t k = 0; k < count; ++k) {
-      const Vec3f at = seen_by(k, y, left);
-      if (!outside(at, lower[k], upper[k])) return false;
+      const PushCollider& c = collider(k);
+      if (!outside(seen_by(c, y, left), c.lower, c.upper)) return false;
     }
     return true;
   }
@@ -76,13 +87,18 @@ struct CollidePush {
 #endif
   }
 
-  // The distance of y above the margin of the collider that it is deepest in, and which that is.
+  // The distance of y above the margin of the collider that it is deepest in, and which that is; kNone: one whose box y is outside of, which has no slope there.
+  // Of several that are as near, the first whose box holds y.
   KNEAD_HD float distance(const Vec3f& y, uint32_t& nearest, float left = 0) const {
-    float phi = 3.4e38f;
+    float phi = left_out;
+    nearest = kNone;
     for (uint32_t k = 0; k < count; ++k) {
-      SdfSampler sampler(colliders[k].sdf);
-      const float value = sampler.value(colliders[k].to_index(seen_by(k, y, left))) * colliders[k].scale - margin;
-      if (value < phi) phi = value, nearest = k;
+      const PushCollider& c = collider(k);
+      const Vec3f at = seen_by(c, y, left);
+      SdfSampler sampler(c.view.sdf);
+      const float value = sampler.value(c.view.to_index(at)) * c.view.scale - margin;
+      const bool holds = !outside(at, c.lower, c.upper);
+      if (value < phi || (value == phi && nearest == kNone && holds)) phi = value, nearest = holds ? k : kNone;
     }
     return phi;
   }
@@ -95,7 +111,7 @@ struct CollidePush {
       displacement[i] = {0, 0, 0};
       return {};
     }
-    uint32_t nearest = 0;
+    uint32_t nearest = kNone;
     const float phi = distance(y, nearest, left);
     float lambda = kept - rate * phi;
     lambda = lambda > 0 ? (lambda < most ? lambda : most) : 0.0f;
@@ -107,8 +123,9 @@ struct CollidePush {
       figures.inside = 1;
       figures.deepest = -phi;
     }
-    if (push > 0) {
-      const Vec3f d = outwards(colliders[nearest], seen_by(nearest, y, left), phi < 0) * push;
+    if (push > 0 && nearest != kNone) {
+      const PushCollider& c = collider(nearest);
+      const Vec3f d = outwards(c.view, seen_by(c, y, left), phi < 0) * push;
       displacement[i] = d;
       figures.pushed = d.x != 0 || d.y != 0 || d.z != 0;
     }
@@ -123,7 +140,7 @@ struct CollidePush {
     const float left = way_left();
     if (left > 0)  // the loop must not end on the way
       for (uint32_t k = 0; k < count; ++k) {
-        const double stands = static_cast<double>(length(stand_back[k]) * left);
+        const double stands = static_cast<double>(length(stand_back[collider(k).number]) * left);
         away = stands > away ? stands : away;
       }
     now.unrest = diagonal > 0 ? away / diagonal : 0.0;

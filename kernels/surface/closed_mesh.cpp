@@ -214,7 +214,7 @@ void close_rims(ClosedMesh& mesh) {
       area += area_of(mesh, mesh.triangles.size() / 3 - 1);
     }
     // A rim without area is the seam of a dropped flat triangle: closed as well, but nothing to tell the user about.
-    if (area > 1e-5 * around * around) ++mesh.rims, mesh.rim_edges += rim.size();
+    if (area > 1e-5 * around * around) ++mesh.rims, mesh.rim_edges += rim.size(), mesh.openings_area += area;
   }
 }
 
@@ -239,6 +239,8 @@ ClosedMesh close_mesh(std::span<const Vec3f> points, std::span<const uint32_t> t
   if (mesh.triangles.empty()) return mesh;
   agree(mesh);
   face_outwards(mesh);
+  mesh.own_triangles = mesh.triangles.size() / 3;
+  for (size_t t = 0; t < mesh.own_triangles; ++t) mesh.own_area += area_of(mesh, t);
   close_rims(mesh);
   bool first = true;
   for (uint32_t v : mesh.triangles)

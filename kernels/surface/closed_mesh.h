@@ -22,6 +22,9 @@ struct ClosedMesh {
   size_t pieces_turned = 0;  // whole pieces that faced inwards
   size_t rims = 0;           // openings closed by a cone
   size_t rim_edges = 0;
+  size_t own_triangles = 0;     // the first ones: without those of cones
+  double own_area = 0;          // of these
+  double openings_area = 0;     // of the cones
   double volume = 0, area = 0;  // of the result; overlaps count twice
   Vec3d lower{0, 0, 0}, upper{0, 0, 0};
 

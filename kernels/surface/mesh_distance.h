@@ -11,37 +11,25 @@
 #include <span>
 
 #include "graph/api.h"
+#include "kernels/surface/exact_distance.h"
 #include "kernels/vec.h"
 
 namespace knead {
 
 class Executor;
 
-struct SignedDistance {
-  double distance = std::numeric_limits<double>::infinity();  // negative inside; infinite when nothing lies within the search radius
-  Vec3d point{0, 0, 0};                                       // nearest point of the surface
-  Vec3d normal{0, 0, 0};                                      // unit gradient of the distance: away from the solid; on the surface its pseudonormal
-  uint32_t triangle = std::numeric_limits<uint32_t>::max();   // that holds `point`, as numbered in the mesh given
-
-  bool found() const { return triangle != std::numeric_limits<uint32_t>::max(); }
-};
-
-class KNEAD_API MeshDistance {
+class KNEAD_API MeshDistance final : public ExactDistance {
  public:
   // Copies what it needs. Triangles without area and those with a non-finite corner are passed over. Throws Error(kInput) when none is left or an
   // index is out of range. An executor makes the preparation parallel.
   MeshDistance(std::span<const Vec3f> points, std::span<const uint32_t> triangles, Executor* executor = nullptr);
   MeshDistance(std::span<const Vec3d> points, std::span<const uint32_t> triangles, Executor* executor = nullptr);
-  ~MeshDistance();
+  ~MeshDistance() override;
   MeshDistance(const MeshDistance&) = delete;
   MeshDistance& operator=(const MeshDistance&) = delete;
 
-  // All queries are const and thread-safe; p must be finite. `radius` bounds the search and makes it faster.
-  SignedDistance signed_distance(const Vec3d& p, double radius = std::numeric_limits<double>::infinity()) const;
-
-  // The same value, found faster from a good guess: `hint` is an opaque number that an earlier query near p left behind (kNoHint at first).
-  static constexpr uint32_t kNoHint = std::numeric_limits<uint32_t>::max();
-  SignedDistance signed_distance_near(const Vec3d& p, uint32_t& hint) const;
+  SignedDistance signed_distance(const Vec3d& p, double radius = std::numeric_limits<double>::infinity()) const override;
+  SignedDistance signed_distance_near(const Vec3d& p, uint32_t& hint) const override;
   double winding_number(const Vec3d& p) const;  // approximate, see kernels/surface/winding_number.h
   bool inside(const Vec3d& p) const { return winding_number(p) > 0.5; }
 

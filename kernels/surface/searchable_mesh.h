@@ -23,8 +23,8 @@ inline Value searchable_mesh(Context& context, const Surface& mesh) {
                       [&] { return Value::of(SearchableMesh{std::make_shared<MeshDistance>(mesh.points.host(), triangles, &context.executor())}); });
 }
 
-// Of a collider whose triangles are known; else null.
-inline std::shared_ptr<const MeshDistance> searchable_mesh(Context& context, const Sdf& collider) {
+// Of a collider of which more is known than its field; else null.
+inline std::shared_ptr<const ExactDistance> searchable_mesh(Context& context, const Sdf& collider) {
   if (collider.distance || !collider.mesh) return collider.distance;
   return searchable_mesh(context, *collider.mesh).as<SearchableMesh>().distance;
 }

@@ -96,6 +96,9 @@ TEST(IncludeDirection, IoSeesAFewHeadersOfKernels) {
       {"kernels/surface/volume.h", "which way a mesh faces, to describe it"},
       {"kernels/surface/weld.h", "vertices at the same place"},
       {"kernels/surface/mesh_distance.h", "the distances that fields are made of"},
+      {"kernels/surface/exact_distance.h", "the same, of whatever a collider is"},
+      {"kernels/surface/shell_distance.h", "the same, of what bounds nothing"},
+      {"kernels/surface/searchable_mesh.h", "the same, as nodes share it"},
   };
   std::set<std::string> seen;
   for (const Include& include : includes_of("io")) {

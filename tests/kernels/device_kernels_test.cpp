@@ -174,13 +174,13 @@ TEST_P(DeviceKernels, CollidePushWithMemoryOnTheWayIn) {
     input.diagonal = 2;
     input.before = before.progress.view(on.device()).data();
     input.stand_back = before.stand_back.view(on.device());
-    after = {Buffer<float>(n, on.memory()), Buffer<ContactProgress>(1, on.memory()), before.stand_back};
+    after = {Buffer<float>(n, on.memory()), Buffer<ContactProgress>(1, on.memory()), before.stand_back, {}, {}, {}};
     Buffer<Vec3f> displacement(n, on.memory()), result(n, on.memory());
     collide_push(on, input, displacement.data_for_write(), after.memory.data_for_write(), after.progress.data_for_write());
     add_displacement(on, input.points, displacement.view(on.device()).data(), result.data_for_write());
     return result;
   };
-  Contacts here{{}, Buffer<ContactProgress>(1), Buffer<Vec3f>(std::vector<Vec3f>{{0, 0.2f, 0}, {0, 0, 0}})};
+  Contacts here{{}, Buffer<ContactProgress>(1), Buffer<Vec3f>(std::vector<Vec3f>{{0, 0.2f, 0}, {0, 0, 0}}), {}, {}, {}};
   here.progress.data_for_write()[0] = {};
   here.progress.data_for_write()[0].steps = 2;
   Contacts away = moved(*device_, here);

@@ -99,7 +99,7 @@ TEST(CollideSdf, CarriesItsMemoryRoundTheLoop) {
     grew = grew || first[i] > 0;
   }
   EXPECT_TRUE(grew);
-  node.connect("memory", Contacts{knead::Buffer<float>(3), knead::Buffer<knead::ContactProgress>(1), {}});
+  node.connect("memory", Contacts{knead::Buffer<float>(3), knead::Buffer<knead::ContactProgress>(1), {}, {}, {}, {}});
   EXPECT_THROW(node.run(), knead::Error);
 }
 
@@ -137,13 +137,22 @@ TEST(CollideSdf, KeepsTheMarginWhenProjecting) {
   EXPECT_THROW(node.run(), knead::Error);
 }
 
-TEST(CollideSdf, RefusesMoreCollidersThanOnePushTakes) {
-  const Surface body = knead::make_sphere(1, 1);
-  const Sdf ball = collider_of(knead::make_sphere(0.5, 1), 0.2);
-  OneNode node("collide_sdf");
-  node.connect("surface", body);
-  for (int k = 0; k < 25; ++k) node.connect("sdf", ball);
-  EXPECT_THROW(node.run(), knead::Error);
+TEST(CollideSdf, TakesAnyNumberOfColliders) {
+  const Surface body = knead::make_sphere(1, 3);
+  const Sdf ball = collider_of(knead::make_sphere(1.1, 3), 0.1);
+  for (const std::string mode : {"push", "project"}) {
+    OneNode one("collide_sdf"), many("collide_sdf");
+    one.set("mode", mode).connect("surface", body).connect("sdf", ball).run();
+    many.set("mode", mode).connect("surface", body);
+    for (int k = 0; k < 40; ++k) {
+      Sdf other = ball;
+      if (k != 30) other.placement.translation = {3.0 + k, 0, 0};
+      many.connect("sdf", other);
+    }
+    many.run();
+    const auto a = one.out<Surface>("surface").points.host(), b = many.out<Surface>("surface").points.host();
+    EXPECT_EQ(std::memcmp(a.data(), b.data(), a.size_bytes()), 0) << mode;
+  }
 }
 
 }  // namespace

@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 #include <random>
+#include <tuple>
 
 #include "kernels/port_types.h"
 #include "kernels/shapes/primitives.h"
@@ -161,7 +163,57 @@ TEST(MeshToSdf, TakesBadMeshesWithoutHarm) {
   EXPECT_NE(warnings.find("non-finite"), std::string::npos) << warnings;
   const Sdf flat = solid_of(knead::make_triangle_surface({{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {0, 1, 2, 0, 2, 3}), 32, &warnings);
   EXPECT_NE(warnings.find("sheet"), std::string::npos) << warnings;
-  EXPECT_GE(value_at(flat, {0.5, 0.5, 0}), -0.01);
+  EXPECT_NEAR(value_at(flat, {0.5, 0.5, 0}), -1.0 / 32, 1e-4) << "a shell as thick as two voxels";
+}
+
+// An icosphere without its triangles above `height`.
+Surface cut_off(double height) {
+  const Surface sphere = knead::make_sphere(1, 4);
+  std::vector<uint32_t> kept;
+  const auto& all = sphere.topology->triangles;
+  for (size_t t = 0; t < all.size(); t += 3)
+    if (std::max({sphere.points.host()[all[t]].y, sphere.points.host()[all[t + 1]].y, sphere.points.host()[all[t + 2]].y}) < height)
+      kept.insert(kept.end(), {all[t], all[t + 1], all[t + 2]});
+  return knead::make_triangle_surface({sphere.points.host().begin(), sphere.points.host().end()}, kept);
+}
+
+TEST(MeshToSdf, TakesWhatIsMostlyOpenForAShell) {
+  for (const auto& [solid, height, shell] :
+       {std::tuple{"auto", 0.9, false}, {"auto", 0.0, true}, {"solid", 0.0, false}, {"shell", 0.9, true}, {"shell", 2.0, true}}) {
+    OneNode node("mesh_to_sdf");
+    node.set("resolution", 32).set("solid", solid).set("thickness", 0.3).connect("mesh", cut_off(height)).run();
+    const std::string what = std::string(solid) + " at " + std::to_string(height);
+    EXPECT_EQ(node.out<knead::Report>("report").word("taken_as"), shell ? "shell" : "solid") << what;
+    const Sdf& sdf = node.out<Sdf>("sdf");
+    EXPECT_EQ(value_at(sdf, {0, -0.5, 0}) < 0, !shell) << what;
+    EXPECT_NEAR(value_at(sdf, {0, -1, 0}), shell ? -0.15 : 0, 0.5 * sdf.voxel_size) << what;
+    EXPECT_NEAR(sdf.distance->signed_distance({0, -1.3, 0}).distance, shell ? 0.15 : 0.3, 0.01) << what;
+    if (shell) EXPECT_NE(node.all_warnings().find("solid: solid"), std::string::npos) << what;
+  }
+}
+
+TEST(MeshToSdf, IsTheSameFieldNearABodyAndNothingElsewhere) {
+  const Surface fist = knead::make_fist(2, 3000);
+  Surface body = knead::make_sphere(0.3, 3);
+  body.placement.translation = {0, 1.1, 0};
+  OneNode whole("mesh_to_sdf", 2), part("mesh_to_sdf", 2);
+  whole.set("voxel_size", 0.02).connect("mesh", fist).run();
+  part.set("voxel_size", 0.02).connect("mesh", fist).connect("near", body).run();
+  const Sdf &all = whole.out<Sdf>("sdf"), &near = part.out<Sdf>("sdf");
+  EXPECT_LT(near.grid.size(), all.grid.size() / 2);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> u(-0.3, 0.3);
+  for (int n = 0; n < 300; ++n) {
+    const Vec3d p = body.placement.translation + Vec3d{u(random), u(random), u(random)};
+    ASSERT_NEAR(value_at(near, p), value_at(all, p), 0.006) << "voxels elsewhere";
+  }
+  EXPECT_EQ(near.distance->signed_distance({0.1, 0, 0}).distance, all.distance->signed_distance({0.1, 0, 0}).distance) << "exact everywhere";
+  OneNode by_default("mesh_to_sdf", 2);
+  by_default.connect("mesh", fist).connect("near", body).run();
+  EXPECT_LT(by_default.out<Sdf>("sdf").voxel_size, 0.03) << "about the body's edges";
+  body.placement.translation.y = 1.2;
+  part.connect("near", body).run();
+  EXPECT_EQ(part.builds, 2) << "for another place of the body";
 }
 
 }  // namespace

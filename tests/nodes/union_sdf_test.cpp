@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "graph/error.h"
 #include "kernels/port_types.h"
 #include "kernels/shapes/primitives.h"
@@ -44,6 +46,46 @@ TEST(UnionSdf, IsBuiltOnceWhileThePartsKeepTheirPlaces) {
   node.connect("sdf", a).connect("sdf", b).run();
   EXPECT_EQ(node.builds, 1);
   EXPECT_NEAR(value_at(node.out<Sdf>("sdf"), {1.9, 0, 0}), -0.1, 0.02);
+}
+
+// 200 balls all over a box that would take eight thousand million voxels.
+TEST(UnionSdf, CostsWhatItsPartsHoldAndNotWhatTheySpan) {
+  const Sdf ball = union_part(knead::make_sphere(1, 2), 0.25, {0, 0, 0});
+  OneNode node("union_sdf", 2);
+  std::vector<Vec3d> places;
+  for (int k = 0; k < 200; ++k) {
+    Sdf one = ball;
+    const double turn = 2.4 * k;
+    places.push_back({250 * std::cos(turn), -250 + 2.5 * k, 250 * std::sin(turn)});
+    one.placement.translation = places.back();
+    node.connect("sdf", one);
+  }
+  node.run();
+  const Sdf& sdf = node.out<Sdf>("sdf");
+  for (const Vec3d& at : places) {
+    EXPECT_NEAR(value_at(sdf, at), value_at(ball, {0, 0, 0}), 0.25) << "a voxel, at the tip";
+    EXPECT_NEAR(value_at(sdf, at + Vec3d{0.9, 0, 0}), value_at(ball, {0.9, 0, 0}), 0.03);
+  }
+  EXPECT_GT(value_at(sdf, {0, 0, 0}), 0);
+  EXPECT_LT(sdf.grid.size(), 220 * ball.grid.size());
+}
+
+TEST(UnionSdf, EndsWhenItIsCancelled) {
+  struct Cancelled : OneNode {
+    using OneNode::OneNode;
+    bool cancelled() const override { return ++asked > 5; }
+    mutable int asked = 0;
+  };
+  const Sdf ball = union_part(knead::make_sphere(1, 2), 0.1, {0, 0, 0}), other = union_part(knead::make_sphere(1, 2), 0.1, {1, 0, 0});
+  Cancelled node("union_sdf");
+  node.connect("sdf", ball).connect("sdf", other);
+  try {
+    node.run();
+    FAIL();
+  } catch (const knead::Error& e) {
+    EXPECT_EQ(e.code(), knead::ErrorCode::kCancelled);
+  }
+  EXPECT_LT(node.asked, 10) << "leaves after it was told";
 }
 
 TEST(UnionSdf, PassesOneOnAndRefusesNone) {

@@ -24,6 +24,7 @@ struct Around {
   std::vector<Vec3f> rest;
   float travelled = 0;
   ContactSum result;
+  ColliderView view{};
   ContactEnergy body{};
 
   Around() {
@@ -66,7 +67,8 @@ struct Around {
     body.slack = slack.data();
     body.travelled = &travelled;
     body.result = &result;
-    body.colliders[0] = view_collider(sdf, Device{}, Similarity{});
+    view = view_collider(sdf, Device{}, Similarity{});
+    body.colliders = &view;
     body.count = 1;
     body.samples = kSamples;
     body.stiffness = 30;
@@ -145,7 +147,7 @@ TEST(ContactList, APositionThatIsKnownIsNotLookedUpAgain) {
   const ContactSum whole = here.sum(true);
   const std::vector<Row4> force = here.force;
   here.body.known = 1;
-  here.body.colliders[0].sdf.grid = nullptr;
+  here.view.sdf.grid = nullptr;
   expect_same(here.sum(true), whole);
   for (const uint32_t s : here.list) ASSERT_NEAR(here.force[s].x, force[s].x, 1e-5f * (1 + std::abs(force[s].x)));
 }

@@ -138,12 +138,13 @@ TEST(Collide, DoesNotLookAtVerticesThatAreFarAndSoChangesNoBit) {
   input.most = 0.3;
   input.before = &before;
   input.stand_back = stand_back;
-  knead::CollidePush quick = knead::make_push(*executor, input), thorough = quick;
+  knead::ManyColliders many;
+  knead::CollidePush quick = knead::make_push(*executor, input, many), thorough = quick;
   std::vector<Vec3f> moves(points.size()), all_moves(points.size());
   std::vector<float> kept(points.size()), all_kept(points.size());
   quick.displacement = moves.data(), thorough.displacement = all_moves.data();
   quick.memory_out = kept.data(), thorough.memory_out = all_kept.data();
-  for (int k = 0; k < 2; ++k) thorough.lower[k] = {-1e30f, -1e30f, -1e30f}, thorough.upper[k] = {1e30f, 1e30f, 1e30f};
+  for (int k = 0; k < 2; ++k) thorough.few[k].lower = {-1e30f, -1e30f, -1e30f}, thorough.few[k].upper = {1e30f, 1e30f, 1e30f};
   size_t far = 0;
   for (uint32_t i = 0; i < points.size(); ++i) {
     const knead::ContactFigures one = quick(i), all = thorough(i);
@@ -250,7 +251,7 @@ TEST(Project, LeavesNothingInsideTheMeshEvenAtSharpEdges) {
   const auto executor = knead::make_cpu_executor(2);
   std::vector<Vec3f> moved(points.size());
   const std::vector<const Sdf*> colliders{&collider.sdf};
-  const std::vector<const MeshDistance*> meshes{collider.mesh.get()};
+  const std::vector<const knead::ExactDistance*> meshes{collider.mesh.get()};
   ProjectInput input;
   input.points = points;
   input.colliders = colliders;
@@ -319,7 +320,7 @@ TEST(Project, KeepsFacesOutsideWhenAskedForSamples) {
   const auto executor = knead::make_serial_executor();
   std::vector<Vec3f> moved(points.size());
   const std::vector<const Sdf*> colliders{&collider.sdf};
-  const std::vector<const MeshDistance*> meshes{collider.mesh.get()};
+  const std::vector<const knead::ExactDistance*> meshes{collider.mesh.get()};
   auto deepest_in_faces = [&](const std::vector<Vec3f>& at) {
     double deepest = 0;
     for (size_t t = 0; t < plate.topology->triangles.size(); t += 3)
