@@ -1,8 +1,10 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
+#include <cstdio>
 #include <filesystem>
 #include <set>
 
@@ -210,7 +212,8 @@ int Run::operator()() {
   if (interrupted() && is_unfinished()) {
     end_interrupts();
     say_interrupted();
-    return kInterrupted;
+    std::fflush(stdout);
+    ::_exit(kInterrupted);  // libraries that end their threads would take longer than a signal may
   }
   if (arguments_.sheet)
     for (const std::string& sheet : write_sheets(*plan_, frames_))
