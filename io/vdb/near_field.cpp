@@ -177,6 +177,7 @@ NearBody near_body(const Surface& body, double reach) {
 }
 
 bool knows(const Sdf& field, const NearBody& body) {
+  if (!(body.diagonal() > 0)) return true;  // a body without a size has no voxels of its own
   const Box box = region_of(field.placement, body, kBulge * body.diagonal() + body.reach);
   if (surface_box(field).clear_of(box)) return true;
   if (field.distance && field.distance->shell()) return false;  // from which side it is met only the body tells

@@ -94,6 +94,7 @@ TEST(NearField, IsAskedForOnlyWhereTheColliderIsTooCoarseAndNear) {
   small.placement.translation = {0, 1.3, 0};
   EXPECT_FALSE(knows(large, here));
   EXPECT_TRUE(knows(small, here));
+  EXPECT_TRUE(knows(large, near_body(Surface{}, 0))) << "of no body";
   large.placement.translation = {0, 150, 0};
   EXPECT_TRUE(knows(large, here)) << "they cannot meet";
 }
