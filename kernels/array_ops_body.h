@@ -8,6 +8,7 @@ struct FillWords {
   static constexpr const char* kKernel = "fill_words";
   uint32_t* to;
   uint32_t word;
+  uint32_t unused = 0;  // Padding would be copied to devices uninitialised.
   KNEAD_HD void operator()(uint32_t i) const { to[i] = word; }
 };
 

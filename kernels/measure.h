@@ -16,7 +16,7 @@ class ExactDistance;
 // grid. The colliders must outlive it.
 class ColliderDistance {
  public:
-  void add(const Sdf& sdf);                                             // sampled
+  void add(const Sdf& sdf);                                              // sampled
   void add(const Sdf& sdf, std::shared_ptr<const ExactDistance> exact);  // null: sampled
   bool empty() const { return colliders_.empty(); }
   double operator()(const Vec3d& world) const;  // outside a collider's box the distance to the box stands for it; infinite without colliders

@@ -38,8 +38,8 @@ const DeformGraph kGraph{
   friction: {default: 0, doc: "above 0: skin clings to a collider"}
   entry: {default: [0, 0, 0], doc: "the way that the colliders came in, world; zero: told from M at rest"}
   contact_gap: {default: 2.0e-3, doc: "how far outside a collider its force begins, in diagonals"}
-  contact_samples: {default: 0, doc: "4: points inside the triangles are kept outside too, for a coarse M under a sharp collider"}
-  max_iterations: {default: 150, doc: "after which it ends in any case"}
+  contact_samples: {default: 0, doc: "4: more points inside the triangles are kept outside while it solves, for a coarse M under a sharp collider"}
+  max_iterations: {default: 300, doc: "after which it ends in any case"}
   threshold: {default: 3.0e-4, doc: "sum of forces over contact forces at rest"}
   displacement: {default: 2.0e-5, doc: "longest last step at rest, in diagonals"}
   penetration: {default: 1.0e-4, doc: "largest error of a contact at rest, in diagonals; in the mean a twentieth of it"}

@@ -52,9 +52,10 @@ The energy is elastic + hold + contact, every part dimensionless, so that a para
   hold     a pull to rest, `hold`, over the body, 0 by default, since it bends the answer: it moves the contour of a torus squeezed between plates by 0.5 % of
            the squeeze at 1, by 10 % at 20 (docs/convergence.md). 200 keeps dents local. `pins` hold for good.
   contact  every vertex of M outside every collider: a stiff force with a memory, the multiplier of an augmented Lagrangian, so that contacts end exact, not
-           merely stiff. `contact_samples: 4` takes points inside the triangles along, for a coarse M under a sharp collider. The force begins a little way
-           outside, at `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches; what is pressed lightly keeps
-           some gap.
+           merely stiff. Where a collider is thin beside M's triangles, points inside these are kept outside too, found from M at rest and the collider's
+           thickness; and where a face is still pierced at the end, the solve goes on with more. `contact_samples: 4` takes such points everywhere.
+           The force begins a little way outside, at `contact_gap`, from nothing: a vertex that meets a collider does not jolt. What is pressed hard touches;
+           what is pressed lightly keeps some gap.
            With `friction` skin clings to where it met the collider on its way in, and slides when pulled harder.
 
 What nothing holds, neither pins nor a pull, keeps its place (`keep_place`): every part of the body that hangs together neither moves nor turns in the mean,
@@ -137,7 +138,7 @@ class Equilibrium : public Node {
       this,
       "contact_samples",
       0,
-      {.min = 0, .max = 16, .doc = "subdivisions of a triangle's sides whose points are kept outside too; below 2: vertices only"}};
+      {.min = 0, .max = 16, .doc = "into how many pieces a triangle's sides are cut, at least, whose ends are kept outside too"}};
   Param<double> contact{
       this, "contact", EquilibriumSettings{}.contact, {.min = 1e-3, .max = 1e3, .doc = "stiffness of a contact before its memory fills"}};
   Param<double> contact_gap{
@@ -237,7 +238,7 @@ class Equilibrium : public Node {
     context.set(points, Points{moved});
     context.set(state, std::move(end));
     context.set(report, describe(figures, figures_of(rest)));
-    if (!is_rest(figures.ended) && !context.wants(state)) context.warn(restless(figures, body.placement));  // For a start no rest is needed.
+    if (!is_rest(figures.ended)) context.warn(restless(figures, body.placement));
   }
 
  private:
@@ -368,6 +369,6 @@ class Equilibrium : public Node {
 
 }  // namespace
 
-KNEAD_REGISTER(equilibrium, Equilibrium, 3, kManual)
+KNEAD_REGISTER(equilibrium, Equilibrium, 4, kManual)
 
 }  // namespace knead

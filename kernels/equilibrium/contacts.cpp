@@ -9,7 +9,6 @@
 namespace knead {
 namespace {
 
-constexpr size_t kFewSamples = ContactEnergy::kGrain;
 // Samples as near to a collider as this are listed, cells. Half and double give the same bits; less lists oftener, more looks at more samples.
 constexpr float kSkin = 3;
 constexpr uint32_t kNone = std::bit_cast<uint32_t>(-1.0f);
@@ -26,24 +25,12 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
       settings_(settings),
       sums_(sums),
       seen_(seen),
-      force_(filled<Row4>(executor, rest.samples.size() + 1)),
       force_on_h_(filled<Row4>(executor, on_host() ? rest.rows : 0)),
       now_(rest.samples.vertices + 1, executor.memory()),
       volume_gradient_(rest.samples.vertices + 1, executor.memory()),
-      slack_(filled<float>(executor, rest.samples.size())),
       skin_(kSkin) {
-  const RestTables& s = rest_.on;
-  list_.reserve(samples());
-  body_.offsets = s.offsets;
-  body_.indices = s.indices;
-  body_.weights = s.weights;
-  body_.rest = s.sample_rest;
-  body_.area = s.area;
-  body_.slack = slack_.data_for_write();
   body_.travelled = &sums_->travelled;
   body_.result = &sums_->contact;
-  body_.force = force_.data_for_write();
-  body_.samples = static_cast<uint32_t>(samples());
   body_.margin = static_cast<float>(settings.margin / rest_.to_local.scale);
   body_.stiffness = static_cast<float>(settings.contact * rest_.contact_scale);
   body_.law.gap = static_cast<float>(settings.contact_gap * rest_.diagonal);
@@ -59,9 +46,28 @@ EquilibriumContacts::EquilibriumContacts(Executor& executor, const EquilibriumRe
   }
   body_.law.gentle = static_cast<float>(settings.constants.contact.gap_pressure * (1 + rest_.lame) /
                                         std::max(1e-20, static_cast<double>(body_.law.gap) * body_.stiffness));
-  met_ = MetColliders(executor_, rest_.samples, std::move(views));
+  use_samples(rest_.samples, rest_.on.samples);
+  if (const std::vector<uint8_t> steps = density_for(views); !steps.empty()) refine_samples(steps);
+  met_ = MetColliders(executor_, *samples_, std::move(views));
   met_.meet(length(settings.entry) > 0 ? rest_.diagonal : skin_);  // A way in that is given is looked for as far as that.
   make_room();
+}
+
+void EquilibriumContacts::use_samples(const SampleTable& samples_now, const SamplesThere& there) {
+  samples_ = &samples_now;
+  samples_there_ = there;
+  list_.clear();
+  list_.reserve(samples());
+  force_ = filled<Row4>(executor_, samples() + 1);
+  slack_ = filled<float>(executor_, samples());
+  body_.offsets = there.offsets;
+  body_.indices = there.indices;
+  body_.weights = there.weights;
+  body_.rest = there.rest;
+  body_.area = there.area;
+  body_.slack = slack_.data_for_write();
+  body_.force = force_.data_for_write();
+  body_.samples = static_cast<uint32_t>(samples());
 }
 
 void EquilibriumContacts::make_room() {
@@ -119,7 +125,7 @@ void EquilibriumContacts::scatter_forces() {
   Row4* to = force_on_h_.data_for_write();
   for (const uint32_t p : loaded_) to[p] = {0, 0, 0, 0};
   loaded_.clear();
-  const SampleTable& s = rest_.samples;
+  const SampleTable& s = *samples_;
   const Row4* force = force_.host().data();
   const uint32_t first = keeps_volume() ? s.vertices : 0;  // With the enclosed volume all of M's vertices have a force, which H's vertices gather.
   for (const uint32_t i : list_) {
@@ -143,86 +149,10 @@ void EquilibriumContacts::list_samples(const Row4* u, float travelled) {
   body_.list = list_.data();
 }
 
-// The mean of the rest normals of what is inside a collider, weighted by depth, turned inwards; zero when they do not agree.
-Vec3d EquilibriumContacts::against_patch(const float* distance) const {
-  const SampleTable& s = rest_.samples;
-  Vec3d facing{0, 0, 0};
-  double area = 0;
-  for (size_t i = 0; i < s.size(); ++i)
-    if (distance[i] < 0) {
-      const Vec3d part = static_cast<double>(-distance[i]) * to_double(s.outward[i]);
-      facing += part;
-      area += length(part);
-    }
-  const double size = length(facing);
-  return size > settings_.constants.way_in.one_side * area && area > 0 ? (-1 / size) * facing : Vec3d{0, 0, 0};
-}
-
-std::vector<WayIn> EquilibriumContacts::ways_of_met() const {
-  if (!rest_.surface.topology) return std::vector<WayIn>(met_.count());
-  Executor& host = on_host() ? executor_ : stand_in();
-  std::vector<Sdf> fields;
-  std::vector<const Sdf*> colliders;
-  fields.reserve(met_.count());
-  for (uint32_t slot = 0; slot < met_.count(); ++slot) {
-    const uint32_t k = met_.collider(slot);
-    colliders.push_back(on_host() ? colliders_[k] : &fields.emplace_back(settings_.on_host(k)));
-  }
-  CollideInput input;
-  input.points = rest_.surface.points.host();
-  input.placement = placement_;
-  input.colliders = colliders;
-  input.margin = settings_.margin;
-  return ways_in(host, input, rest_.surface.topology->triangles, [&]() -> const MeshDistance& { return rest_.searchable(host); });
-}
-
-bool EquilibriumContacts::find_entries(const Vec3d& given) {
-  exits_ = filled<float>(executor_, met_.count() * samples(), kNone);
-  const std::vector<float> distances = this->distances();
-  const std::vector<WayIn> ways = ways_of_met();
-  ways_.assign(met_.count(), Vec3d{0, 0, 0});
-  undecided_ = 0;
-  bool any = false;
-  for (uint32_t slot = 0; slot < met_.count(); ++slot) any = find_entry(slot, given, ways[slot], distances.data() + slot * samples()) || any;
-  body_.entry = met_.published_entries(executor_);
-  body_.exits = any ? exits_.data_for_write() : nullptr;
-  return any || longest_way() > 0;
-}
-
-// Of one collider. Whether there is one; a collider that can stand back has none, but where it is given.
-bool EquilibriumContacts::find_entry(uint32_t slot, const Vec3d& given, const WayIn& way, const float* distance) {
-  float* exits = exits_.data_for_write() + slot * samples();
-  const bool is_given = length(given) > 0;
-  undecided_ += !is_given && way.undecided;
-  const double deepest = -rest_.to_local.scale * static_cast<double>(*std::min_element(distance, distance + samples()));
-  if (!is_given && way.length > settings_.constants.way_in.deep * deepest) {
-    ways_[slot] = (way.length / rest_.to_local.scale) * rest_.to_local.inverse().rotate(way.direction);
-    find_beginnings(slot, (1 / length(ways_[slot])) * ways_[slot]);
-    return false;
-  }
-  const Vec3d entry = is_given ? (1 / length(given)) * (placement_ * rest_.to_local).inverse().rotate(given) : against_patch(distance);
-  if (length(entry) == 0) return false;
-  find_beginnings(slot, entry);
-  met_.entries[slot] = to_float(entry);
-  parallel_for(executor_, samples(), ContactExit{body_, slot, to_float(entry), is_given ? static_cast<float>(rest_.diagonal) : 0.0f, exits},
-               kFewSamples);
-  if (!is_given) return true;
-  const std::vector<float> gone = read(exits, samples());
-  ways_[slot] = static_cast<double>(std::max(0.0f, *std::max_element(gone.begin(), gone.end()))) * entry;
-  parallel_for(executor_, samples(), FillWords{reinterpret_cast<uint32_t*>(exits), kNone});
-  return true;
-}
-
-void EquilibriumContacts::find_beginnings(uint32_t slot, const Vec3d& entry) {
-  if (began_.empty()) return;
-  met_.entries[slot] = to_float(entry);
-  parallel_for(executor_, samples(), ContactExit{body_, slot, to_float(entry), 0, began_.data_for_write() + slot * samples()}, kFewSamples);
-}
-
 size_t EquilibriumContacts::enclosed() const {
   if (!rest_.surface.topology || rest_.surface.topology->triangles.empty()) return 0;
-  Vec3f lower = rest_.samples.rest[0], upper = lower;
-  for (const Vec3f& y : rest_.samples.rest) {
+  Vec3f lower = samples_->rest[0], upper = lower;
+  for (const Vec3f& y : samples_->rest) {
     lower = {std::min(lower.x, y.x), std::min(lower.y, y.y), std::min(lower.z, y.z)};
     upper = {std::max(upper.x, y.x), std::max(upper.y, y.y), std::max(upper.z, y.z)};
   }
@@ -244,61 +174,20 @@ size_t EquilibriumContacts::enclosed() const {
   return count;
 }
 
-double EquilibriumContacts::longest_way() const {
-  double longest = 0;
-  for (const Vec3d& way : ways_) longest = std::max(longest, length(way));
-  return longest;
-}
-
-// How far a collider may come in at a time, cells: else flesh gets past its middle, and stays on the wrong side with tets inside out.
-double EquilibriumContacts::most_at_a_time(size_t slot) const {
-  return settings_.constants.way_in.of_thickness * static_cast<double>(colliders_[met_.collider(slot)]->inside_depth) *
-         static_cast<double>(met_.views[slot].scale);
-}
-
-double EquilibriumContacts::steps_in(double stride) const {
-  double steps = 0;
-  for (size_t k = 0; k < ways_.size(); ++k) {
-    const double way = length(ways_[k]), most = most_at_a_time(k);
-    steps = std::max({steps, way / stride, most > 0 ? std::min(way / most, settings_.constants.way_in.most_steps) : 0});
-  }
-  return steps;
-}
-
-bool EquilibriumContacts::stand_free() const {
-  const std::vector<float> distances = this->distances();
-  for (size_t k = 0; k < ways_.size(); ++k) {
-    const float* distance = distances.data() + k * samples();
-    const double deepest = -static_cast<double>(*std::min_element(distance, distance + samples()));
-    if (length(ways_[k]) > 0 && deepest > most_at_a_time(k)) return false;
-  }
-  return true;
-}
-
-void EquilibriumContacts::stand_back(double share) {
-  for (size_t k = 0; k < ways_.size(); ++k) {
-    const Vec3f shift = to_float(-share * ways_[k]);
-    ColliderView& view = met_.views[k];
-    view = met_.original(met_.collider(k));
-    view.offset = view.to_index(-shift);
-    view.centre += shift;
-  }
-  body_.colliders = met_.published_views(executor_);
-}
-
 void EquilibriumContacts::set_pressures(std::span<const float> contacts, double volume) {
-  const size_t n = samples();
+  const size_t n = samples(), given = rest_.samples.size();
+  const bool fits = contacts.size() == colliders_.size() * given;
   bool is_new = false;
-  if (contacts.size() == colliders_.size() * n)
+  if (fits)
     for (size_t k = 0; k < colliders_.size(); ++k) {
-      const std::span<const float> of = contacts.subspan(k * n, n);
+      const std::span<const float> of = contacts.subspan(k * given, given);
       if (std::any_of(of.begin(), of.end(), [](float p) { return p > 0; })) is_new = met_.take_in(k) || is_new;
     }
   if (is_new) make_room();
   std::vector<float> multipliers(body_.count * n, 0.0f);
-  if (contacts.size() == colliders_.size() * n)
+  if (fits)
     for (uint32_t slot = 0; slot < met_.count(); ++slot)
-      for (size_t i = 0; i < n; ++i) multipliers[slot * n + i] = contacts[met_.collider(slot) * n + i] / body_.stiffness;
+      for (size_t i = 0; i < shared_samples(); ++i) multipliers[slot * n + i] = contacts[met_.collider(slot) * given + i] / body_.stiffness;
   const double volume_multiplier = volume / volume_stiffness();
   executor_.copy(multipliers.data(), Device{}, multiplier_.data_for_write(), executor_.device(), multipliers.size() * sizeof(float));
   executor_.copy(&volume_multiplier, Device{}, &sums_->volume.multiplier, executor_.device(), sizeof volume_multiplier);
@@ -308,12 +197,12 @@ void EquilibriumContacts::set_pressures(std::span<const float> contacts, double 
 // A coarse H holds the surface by few of its samples, which others take over on a finer one. So each vertex of H shares what acts on it out among the samples
 // near the collider, by area: the same force, as smooth as H is.
 Buffer<float> EquilibriumContacts::pressures() const {
-  const SampleTable& s = rest_.samples;
+  const SampleTable& s = *samples_;
   const std::vector<float> multipliers = read(body_.multiplier, body_.count * samples()), distances = this->distances();
   const float nearby = static_cast<float>(settings_.constants.contact.nearby);
-  Buffer<float> pressures(std::vector<float>(colliders_.size() * s.size(), 0.0f));
+  Buffer<float> pressures(std::vector<float>(colliders_.size() * rest_.samples.size(), 0.0f));
   for (uint32_t k = 0; k < body_.count; ++k) {
-    float* pressure = pressures.data_for_write() + met_.collider(k) * s.size();
+    float* pressure = pressures.data_for_write() + met_.collider(k) * rest_.samples.size();
     std::vector<double> force(rest_.vertices, 0), area(rest_.vertices, 0);
     const float *lambda = multipliers.data() + k * s.size(), *phi = distances.data() + k * s.size();
     const auto is_near = [&](size_t i) { return lambda[i] > 0 || phi[i] < nearby; };
@@ -325,7 +214,7 @@ Buffer<float> EquilibriumContacts::pressures() const {
       const double pressure_here = body_.stiffness * body_.law.at(lambda[i] - phi[i]).force;
       each_vertex(i, [&](uint32_t p, double w) { force[p] += w * s.area[i] * pressure_here, area[p] += w * s.area[i]; });
     }
-    for (size_t i = 0; i < s.size(); ++i) {
+    for (size_t i = 0; i < shared_samples(); ++i) {
       double sum = 0;
       if (is_near(i)) each_vertex(i, [&](uint32_t p, double w) { sum += area[p] > 0 ? w * force[p] / area[p] : 0; });
       pressure[i] = static_cast<float>(std::max(0.0, sum));
@@ -342,7 +231,7 @@ UnsettledContact EquilibriumContacts::most_unsettled() const {
     const float change = std::abs(body_.law.at(multipliers[i] - distances[i]).force - multipliers[i]);
     if (!(change > largest)) continue;
     largest = change;
-    most = {met_.collider(i / samples()), rest_.to_local.apply(to_double(rest_.samples.rest[i % samples()]))};
+    most = {met_.collider(i / samples()), rest_.to_local.apply(to_double(samples_->rest[i % samples()]))};
   }
   return most;
 }
@@ -350,9 +239,10 @@ UnsettledContact EquilibriumContacts::most_unsettled() const {
 std::vector<Vec3d> EquilibriumContacts::forces_on_colliders() const {
   Buffer<Vec3d> sums(body_.count, executor_.memory());
   for (uint32_t k = 0; k < body_.count; ++k) reduce(executor_, samples(), ForceOnCollider{body_, sums.data_for_write() + k, k});
-  std::vector<Vec3d> forces(body_.count);
-  executor_.copy(sums.data_for_write(), executor_.device(), forces.data(), Device{}, sums.bytes());
+  std::vector<Vec3d> of_met(body_.count), forces(colliders_.size(), Vec3d{0, 0, 0});
+  executor_.copy(sums.data_for_write(), executor_.device(), of_met.data(), Device{}, sums.bytes());
   executor_.synchronise();
+  for (uint32_t slot = 0; slot < met_.count(); ++slot) forces[met_.collider(slot)] = of_met[slot];
   return forces;
 }
 
@@ -374,18 +264,19 @@ void EquilibriumContacts::stiffen(float by) {
 }
 
 void EquilibriumContacts::make_blocks(float* blocks) const {
-  const RestTables& s = rest_.on;
+  const SamplesThere& s = samples_there_;
+  const float* free = rest_.on.free;
   if (!on_host())
-    return executor_.launch(ContactBlocks{body_, s.transpose_offsets, s.transpose_samples, s.transpose_weights, s.free, blocks}, rest_.vertices);
+    return executor_.launch(ContactBlocks{body_, s.transpose_offsets, s.transpose_samples, s.transpose_weights, free, blocks}, rest_.vertices);
   std::fill_n(blocks, kBlock * size_t{rest_.vertices}, 0.0f);
   for (const uint32_t i : list_)
     for (uint32_t e = s.offsets[i]; e < s.offsets[i + 1]; ++e)
-      if (s.free[s.indices[e]] != 0) body_.add_block(i, s.weights[e], blocks + kBlock * size_t{s.indices[e]});
+      if (free[s.indices[e]] != 0) body_.add_block(i, s.weights[e], blocks + kBlock * size_t{s.indices[e]});
 }
 
 // The gradient of what M's enclosed volume costs goes to the samples' forces.
 void EquilibriumContacts::add_volume() {
-  const uint32_t n = rest_.samples.vertices;
+  const uint32_t n = samples_->vertices;
   Row4 *now = now_.data_for_write(), *gradient = volume_gradient_.data_for_write();
   parallel_for(executor_, n, VertexPositions{body_, now});
   reduce(executor_, n, VolumeGradient{now, rest_.on.link_offsets, rest_.on.link_edges, gradient, &sums_->volume});
@@ -400,10 +291,10 @@ double EquilibriumContacts::volume_compliance() const {
 }
 
 void EquilibriumContacts::volume_gradient(Row4* to) const {
-  const RestTables& s = rest_.on;
+  const SamplesThere& s = samples_there_;
   parallel_for(executor_, rest_.vertices,
-               VolumeGradientOfH{volume_gradient_.view(executor_.device()).data(), rest_.samples.vertices, s.transpose_offsets, s.transpose_samples,
-                                 s.transpose_weights, s.free, to});
+               VolumeGradientOfH{volume_gradient_.view(executor_.device()).data(), samples_->vertices, s.transpose_offsets, s.transpose_samples,
+                                 s.transpose_weights, rest_.on.free, to});
 }
 
 }  // namespace knead

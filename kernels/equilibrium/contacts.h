@@ -9,6 +9,7 @@
 #include "kernels/equilibrium/met_colliders.h"
 #include "kernels/equilibrium/rest_tables.h"
 #include "kernels/equilibrium/rows.h"
+#include "kernels/equilibrium/sample_density.h"
 #include "kernels/loop/approach.h"
 
 namespace knead {
@@ -74,22 +75,42 @@ class EquilibriumContacts {
   // The gradient of the enclosed volume by permuted vertex of H, of the last evaluate.
   void volume_gradient(Row4* to) const;
 
+  // The samples that there are, where kernels read them.
+  const SamplesThere& samples_there() const { return samples_there_; }
+  // Takes more samples where, with H displaced by u, a face is deeper in a collider than `tolerance`, cells. Whether there were such; then multipliers of M's
+  // vertices stay, and everything has to be evaluated again.
+  bool refine_where_pierced(const Row4* u, double tolerance);
+  // Whether, with contacts as deep as this, flesh may get past the middle of a thin collider, and what helps. After find_entries.
+  bool slips(float deepest) const;
+  void stiffen_for_thin();
+
  private:
+  void refine_samples(const std::vector<uint8_t>& steps);  // the sides of triangle t are cut into steps[t]
+  std::vector<uint8_t> density_for(const std::vector<ColliderView>& views) const;
+  std::vector<ColliderSize> sizes(const std::vector<ColliderView>& views, std::vector<Sdf>& fields) const;
   Vec3d against_patch(const float* distance) const;             // to one collider
   void find_beginnings(uint32_t collider, const Vec3d& entry);  // for friction
   void add_volume();
   void scatter_forces();
-  size_t samples() const { return rest_.samples.size(); }
+  size_t samples() const { return samples_->size(); }
+  void use_samples(const SampleTable& samples, const SamplesThere& there);
+  size_t shared_samples() const { return samples_ == &rest_.samples ? samples() : samples_->vertices; }  // with rest_.samples
   bool on_host() const { return executor_.device() == Device{}; }
   std::vector<float> read(const float* values, size_t n) const;
   double most_at_a_time(size_t slot) const;
-  void make_room();  // for the colliders met since
+  double half_thickness(size_t slot) const;  // of a collider, cells
+  void make_room();                          // for the colliders met since
   std::vector<WayIn> ways_of_met() const;
   bool find_entry(uint32_t slot, const Vec3d& given, const WayIn& way, const float* distance);
   std::vector<float> distances() const { return read(body_.distance, body_.count * samples()); }
 
   Executor& executor_;
   const EquilibriumRest& rest_;
+  const SampleTable* samples_ = nullptr;  // those of `rest_`, or finer_
+  SamplesThere samples_there_{};
+  SampleTable finer_;
+  std::vector<uint8_t> steps_;  // of finer_
+  DeviceTables finer_there_;
   const Similarity placement_;
   const std::span<const Sdf* const> colliders_;
   const EquilibriumSettings& settings_;
@@ -107,6 +128,8 @@ class EquilibriumContacts {
   std::vector<uint32_t> loaded_;  // on the host: the vertices of H with a force in force_on_h_
   float skin_;
   size_t undecided_ = 0;
+  double stiffer_for_thin_ = 1;
+  double thinnest_ = 1e30;  // half thickness of the thinnest collider in which M is at rest, cells
 };
 
 }  // namespace knead

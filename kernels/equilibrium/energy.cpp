@@ -94,9 +94,10 @@ void EquilibriumEnergy::add_elastic(Rows& u) {
 void EquilibriumEnergy::gather(Rows& u, Rows& gradient) {
   ScopedTime time(figures_.elastic_seconds);
   const RestTables& t = rest_.on;
+  const SamplesThere& s = contacts_.samples_there();
   reduce(executor_, rest_.vertices,
          GatherForces{forces_.data(), t.incident_offsets, t.incident_corners, u.data(), t.hold, t.free, t.ghost_offsets, t.ghosts, t.ghost_values,
-                      contacts_.forces_on_h(), contacts_.forces(), t.transpose_offsets, t.transpose_samples, t.transpose_weights, gradient.data(),
+                      contacts_.forces_on_h(), contacts_.forces(), s.transpose_offsets, s.transpose_samples, s.transpose_weights, gradient.data(),
                       &sums().forces});
   if (!place_.any()) return;
   place_.balance_forces(gradient.data());

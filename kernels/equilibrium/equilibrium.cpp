@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "graph/error.h"
 #include "kernels/equilibrium/mesh_transfer.h"
@@ -35,7 +36,8 @@ class Solver {
         to_world_(placement * rest.to_local),
         energy_(executor, rest, placement, colliders, settings, figures),
         contacts_(energy_.contacts()),
-        minimiser_(executor, rest, constants_, energy_, figures) {}
+        minimiser_(executor, rest, constants_, energy_, figures),
+        kept_(executor, rest.rows) {}
 
   Buffer<Vec3f> run() {
     const auto start = std::chrono::steady_clock::now();
@@ -45,6 +47,16 @@ class Solver {
       return rest_.rest;
     }
     descend(now);
+    const double tolerance = constants_.contact.pierced * rest_.diagonal;
+    for (double round = 0; round < constants_.contact.refinements && contacts_.refine_where_pierced(minimiser_.u().data(), tolerance); ++round) {
+      minimiser_.forget_pairs();
+      energy_.forget_list();
+      now = minimiser_.evaluate();
+      minimiser_.renew_metric();
+      kept_error_ = std::numeric_limits<float>::infinity();
+      descend(now);
+    }
+    if (!is_rest(figures_.ended) && !(now.least_volume > 0)) go_back_to_kept(now);
     if (contacts_.longest_way() > 0) figures_.enclosed = contacts_.enclosed();  // A collider may have been let through on the way in.
     figures_.volume = contacts_.volume_error();
     figures_.gradient = now.relative_gradient();
@@ -159,6 +171,7 @@ class Solver {
     int first = 1;
     while (steps > 0 && first > 1 - steps && !free_at(share_after(first - 1))) --first;
     for (int step = first; step <= steps; ++step) {
+      if (figures_.iterations >= settings_.max_iterations) step = steps;
       contacts_.stand_back(share_after(step));
       energy_.forget_list();
       now = minimiser_.evaluate();
@@ -167,9 +180,18 @@ class Solver {
       iterate(now);
       contacts_.update_multipliers();  // A penalty alone gives way: flesh that is carried along would get past a collider's middle.
       now = minimiser_.evaluate_contacts(true);
+      stiffen_where_thin(now);
     }
     figures_.way_in = figures_.iterations;
     if (steps > 0) minimiser_.renew_metric();
+  }
+
+  // Few samples hold the flesh against a thin collider: contacts become stiffer as long as flesh is about to slip past the collider's middle.
+  void stiffen_where_thin(Evaluation& now) {
+    if (!contacts_.slips(now.contact.deepest)) return;
+    contacts_.stiffen_for_thin();
+    minimiser_.renew_metric();
+    now = minimiser_.evaluate_contacts(true);
   }
 
   // Contacts are soft while the body finds its shape, and become stiffer with the first multipliers, then where the multipliers fill too slowly: the forces stay
@@ -226,6 +248,19 @@ class Solver {
     if (minimiser_.iterations_since_volume_term() >= c.volume_interval) minimiser_.renew_volume_term();
   }
 
+  // What a solve that does not come to rest ends with, rather than with tets inside out: of the shapes that it passed, the one with the least error of a contact.
+  void keep_if_good(const Evaluation& now) {
+    if (minimiser_.grid() > 0 || !(now.least_volume > 0) || now.contact.change > kept_error_) return;
+    kept_error_ = now.contact.change;
+    parallel_for(executor_, rest_.vertices, CopyRows{minimiser_.u().data(), kept_.data()});
+  }
+  void go_back_to_kept(Evaluation& now) {
+    if (kept_error_ == std::numeric_limits<float>::infinity()) return;
+    parallel_for(executor_, rest_.vertices, CopyRows{kept_.data(), minimiser_.u().data()});
+    energy_.forget_list();
+    now = minimiser_.evaluate();
+  }
+
   // The stopping rule (nodes/equilibrium.cpp says it in words).
   bool contacts_off(const Evaluation& now) const {
     const double mean = std::sqrt(now.contact.squares / std::max(1e-30f, now.contact.area));
@@ -247,7 +282,7 @@ class Solver {
     Renewals renewals = first_renewals();
     int since_update = 0, still = 0, on_grid = 0;
     figures_.ended = Ended::kIterationLimit;
-    for (int done = 0; done < settings_.max_iterations; ++done) {
+    for (int done = 0; figures_.iterations < settings_.max_iterations; ++done) {
       if (done == constants_.way_in.iterations_on_side && contacts_.by_entries()) {
         contacts_.forget_entries();
         now = minimiser_.evaluate();
@@ -266,6 +301,8 @@ class Solver {
         on_grid = 0;
       }
       ++since_update;
+      keep_if_good(now);
+      stiffen_where_thin(now);
       const bool off = contacts_off(now);
       if (settled(now) && !off) {
         figures_.ended = Ended::kAtRest;
@@ -298,6 +335,8 @@ class Solver {
   EquilibriumEnergy energy_;
   EquilibriumContacts& contacts_;
   EquilibriumMinimiser minimiser_;
+  Rows kept_;
+  float kept_error_ = std::numeric_limits<float>::infinity();
   int updates_since_ = 0;  // of the multipliers, since the last look at the contacts' error
   double change_before_ = 1e30, stiffer_ = 1;
 };

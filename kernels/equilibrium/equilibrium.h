@@ -76,7 +76,7 @@ struct PortTraits<EquilibriumState> {
 // The parameters of the node `equilibrium`, by their names there.
 struct EquilibriumSettings {
   EquilibriumConstants constants;  // for docs/study/constants.cpp
-  int max_iterations = 150;        // beside the iterations in which colliders come in
+  int max_iterations = 300;        // of all, those in which colliders come in too
   // At rest the sum of forces is below this part of the contact forces,
   double threshold = 3e-4;
   // the last step moved no vertex of H further than this part of M's diagonal,

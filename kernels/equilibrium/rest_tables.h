@@ -9,31 +9,19 @@
 #include "kernels/equilibrium/equilibrium.h"
 #include "kernels/equilibrium/floating_parts.h"
 #include "kernels/equilibrium/hessian_body.h"
+#include "kernels/equilibrium/samples.h"
 #include "kernels/multigrid/multigrid.h"
 #include "kernels/surface/mesh_distance.h"
 
 namespace knead {
 
-// Points of M that are kept outside the colliders, M's vertices first, as combinations of H's vertices; and the transpose for the vertices.
-struct SampleTable {
-  uint32_t vertices = 0;
-  std::vector<uint32_t> offsets, indices;  // by sample
-  std::vector<float> weights;
-  std::vector<Vec3f> rest;                                     // tet space
-  std::vector<float> area;                                     // cells^2
-  std::vector<Vec3f> outward;                                  // area vectors at rest, out of the body, cells^2
-  std::vector<uint32_t> transpose_offsets, transpose_samples;  // by permuted vertex of H; of M's vertices, on a device of all samples
-  std::vector<float> transpose_weights;
-  size_t size() const { return area.size(); }
-};
-
-// The tables that kernels read, in the memory of the executor that they run on; the names are those of EquilibriumRest and SampleTable.
+// The tables that kernels read, in the memory of the executor that they run on; the names are those of EquilibriumRest.
 struct RestTables {
-  const uint32_t *corners, *incident_offsets, *incident_corners, *offsets, *indices, *transpose_offsets, *transpose_samples, *link_offsets,
-      *link_edges, *vertex_at, *ghost_offsets, *ghosts, *part_of, *members;
-  const float *shape, *mu, *lambda, *hold, *free, *weights, *area, *transpose_weights, *guard, *ghost_values, *mass;
+  const uint32_t *corners, *incident_offsets, *incident_corners, *link_offsets, *link_edges, *vertex_at, *ghost_offsets, *ghosts, *part_of, *members;
+  const float *shape, *mu, *lambda, *hold, *free, *guard, *ghost_values, *mass;
   const uint16_t *incident_entries, *ghost_entries;
-  const Vec3f *rest, *sample_rest;
+  const Vec3f* rest;
+  SamplesThere samples;
   const Row4* arms;
   const double* part_inverse;
   const uint32_t* part_tree[FloatingParts::kMostRows];
@@ -58,7 +46,7 @@ class EquilibriumRest {
   size_t tets = 0, stride = 0;      // stride: tets, padded to lanes
   Buffer<uint32_t> corners;         // [4][stride]
   Buffer<float> shape, mu, lambda;
-  std::vector<float> guard;                                  // as ElasticTets has it; this and the next two are empty where H is flesh throughout
+  std::vector<float> guard;                                  // as ElasticTets has it; the next two are empty where H is flesh throughout
   SparseRows ghosts;                                         // of ghost_penalty.h, by permuted vertex
   std::vector<uint16_t> ghost_entries;                       // [ghosts] as HessianRow has them
   std::vector<uint32_t> incident_offsets, incident_corners;  // by permuted vertex: the corners of tets that it is, as rows of the tets' forces
@@ -94,9 +82,5 @@ class EquilibriumRest {
   mutable std::once_flag searchable_once_;
   mutable std::unique_ptr<MeshDistance> searchable_;
 };
-
-// Samples of the surface that `lattice` binds, over permuted vertices: `steps` subdivisions of a triangle's sides, below 2 M's vertices only. `permuted`: the
-// permuted number of each vertex of H. `gathers`: the transpose holds all samples, not only M's vertices.
-SampleTable make_samples(const Lattice& lattice, const std::vector<uint32_t>& permuted, int steps, bool gathers);
 
 }  // namespace knead

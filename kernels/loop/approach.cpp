@@ -16,8 +16,10 @@ constexpr double kLeastCap = 0.25;       // vector area of a patch over its area
 constexpr double kMostlyThrough = 0.75;  // part of a patch, as seen along D, that must come out
 constexpr float kWrongWay = -0.3f;       // cosine with D below which the nearest way out is the wrong one
 constexpr double kFarthest =
-    1.5;                       // mean way out over the root of the patch's area as seen along D: a longer one follows the collider through the body
-constexpr double kOff = 1e-3;  // of the diagonal: rays start this far inside
+    1.5;                        // mean way out over the root of the patch's area as seen along D: a longer one follows the collider through the body
+constexpr double kAside = 2.1;  // way in over the nearest way out: a longer one leads past the collider's side, as that of a pin does
+constexpr double kDeep = 0.5;   // of the collider's half thickness: what is less deep is a plain press
+constexpr double kOff = 1e-3;   // of the diagonal: rays start this far inside
 
 // Joins the ends of every triangle edge whose ends both are in.
 template <class In>
@@ -40,6 +42,7 @@ class Patch {
       inside_[i] = push_.distance(points_[i], nearest) < 0;
       return inside_[i];
     });
+    half_thickness_ = static_cast<double>(input.colliders[0]->inside_depth * push_.collider(0).view.scale);
   }
   bool hit() const { return hit_ > 0; }
 
@@ -54,14 +57,24 @@ class Patch {
       if (!find_direction()) return way;
     }
     way.undecided = islands_ > 0 || leads_astray();
-    if (!way.undecided) return way;
+    if (!way.undecided && !is_deep()) return way;
     way.direction = inwards_;
     way.length = longest_way(rest_mesh());
-    way.undecided = way.length == 0;
+    if (!way.undecided && way.length <= kAside * deepest_) way.length = 0;
+    way.undecided = way.undecided && way.length == 0;
     return way;
   }
 
  private:
+  // Whether the nearest way out may lead aside rather than back.
+  bool is_deep() {
+    deepest_ = reduce_max(executor_, points_.size(), "approach_deepest", [&](uint32_t i) -> double {
+      uint32_t nearest = 0;
+      return inside_[i] ? -static_cast<double>(push_.distance(points_[i], nearest)) : 0.0;
+    });
+    return deepest_ > kDeep * half_thickness_;
+  }
+
   bool in_patch(uint32_t v) const { return inside_[v] || island_[v]; }
 
   void find_islands() {
@@ -210,6 +223,7 @@ class Patch {
   std::vector<double> areas_;
   Vec3d inwards_{0, 0, 0};
   size_t hit_ = 0;
+  double half_thickness_ = 0, deepest_ = 0;  // of the collider; of a vertex in it; M's local units
 };
 
 }  // namespace

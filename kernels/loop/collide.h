@@ -46,11 +46,11 @@ struct ProjectInput {
   Similarity placement;
   std::span<const Sdf* const> colliders;
   std::span<const ExactDistance* const> meshes;  // per collider, in its local space, or null: then its grid's interpolant is the collider
-  double margin = 0;                            // M's local units
-  double clearance = 0;                         // how far outside a moved vertex is put, M's local units; above the rounding of its coordinates
-  int rounds = 32;                              // for vertices between several colliders
-  std::span<const uint32_t> triangles;          // of M; for samples
-  int samples = 0;                              // subdivisions of a triangle's sides whose points are kept outside too; below 2: none
+  double margin = 0;                             // M's local units
+  double clearance = 0;                          // how far outside a moved vertex is put, M's local units; above the rounding of its coordinates
+  int rounds = 32;                               // for vertices between several colliders
+  std::span<const uint32_t> triangles;           // of M; for samples
+  int samples = 0;                               // subdivisions of a triangle's sides whose points are kept outside too; below 2: none
 };
 
 struct ProjectFigures {

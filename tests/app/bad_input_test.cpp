@@ -244,7 +244,7 @@ TEST_F(BadInput, WrongGraphsAreRefusedBeforeAnythingIsMade) {
   wrong("  a: {type: primitive}\n  b: {type: deform, surface: a, sdf: a}\n", "put mesh_to_sdf between: {type: mesh_to_sdf, mesh: a}");
   wrong("  a: {type: primitive}\n  b: {type: transform, mesh: a, rotation: [0, 90, 0]}\n", "did you mean 'rotate'?");
   wrong("  a: {type: primitive}\n  b: {type: build_tets, surface: a, depth: 3}\n", "did you mean 'max_depth'?");
-  wrong("  a: {type: sdf}\n", "unknown node type 'sdf' (a Sdf is made by mesh_to_sdf, read_vdb, union_sdf)");
+  wrong("  a: {type: sdf}\n", "unknown node type 'sdf' (a Sdf is made by mesh_to_sdf, plane, read_vdb, union_sdf)");
   wrong("  a: {type: transform}\n", "must be connected");
   wrong("  a: {type: primitive}\n  a: {type: primitive}\n", "there twice");
   wrong("  a: {type: primitive}\n  b: {type: write_mesh, surface: [a, a], path: x.obj}\n", "takes one value");

@@ -241,7 +241,7 @@ TEST(Equilibrium, IsOneNodeToo) {
   graph
       .add("by_hand", "equilibrium",
            {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"inside", "tets.inside"}})
-      .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "by_hand"}, {"sdf", "solid"}})
+      .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "by_hand"}, {"sdf", "solid"}, {"samples", 8}})
       .add("whole", "deform_equilibrium", {{"surface", "body"}, {"sdf", "solid"}, {"max_depth", 4}});
   Evaluator evaluator(compile(graph));
   const auto parts = evaluator.get<Surface>("exact.surface", 2), whole = evaluator.get<Surface>("whole.surface", 2);
@@ -259,7 +259,7 @@ TEST(EquilibriumCascade, IsTwoOfTheOneNodeFormToo) {
       .add(
           "second", "equilibrium",
           {{"surface", "body"}, {"sdf", "solid"}, {"tets", "tets"}, {"lattice", "tets.lattice"}, {"inside", "tets.inside"}, {"start", "first.state"}})
-      .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "second"}, {"sdf", "solid"}});
+      .add("exact", "collide_sdf", {{"mode", "project"}, {"surface", "second"}, {"sdf", "solid"}, {"samples", 8}});
   Evaluator evaluator(compile(graph));
   EXPECT_EQ(evaluator.get<Report>("first.report", 2).word("started"), "rest");
   EXPECT_GT(evaluator.get<Report>("first.report", 2).number("last_step"), 2e-5);  // it may end there

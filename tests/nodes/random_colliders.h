@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <random>
 #include <string>
 
@@ -127,29 +128,36 @@ class Press {
   sdf_node_test::OneNode tets_;
 };
 
-inline void expect_contact_as_they_overlap(int scenes, uint32_t seed) {
+// At most `most_wrong` of the scenes are not as they should be.
+inline void expect_contact_as_they_overlap(int scenes, uint32_t seed, size_t most_wrong = 0) {
   constexpr double kDepth = 0.15, kPart = 0.02, kDiagonal = 3.4641;
   // A contact's force begins 2e-3 of the diagonal outside and may hold what is pressed lightly there.
   constexpr double kGap = 2e-3 * kDiagonal;
   std::mt19937 random(seed);
   Press press;
+  std::map<int, std::string> wrong;
   for (int n = 0; n < scenes; ++n) {
     const Solid solid = random_solid(random);
-    const std::string what = "scene " + std::to_string(n) + ", a " + solid.name;
-    EXPECT_TRUE(press.by(solid.few, placed(solid, 1 + 1.5 * kGap, random)).untouched) << what << ", that does not touch";
+    const auto expect = [&](bool so, const std::string& what) {
+      if (!so) wrong[n] += "scene " + std::to_string(n) + ", a " + solid.name + ": " + what + "\n";
+    };
+    expect(press.by(solid.few, placed(solid, 1 + 1.5 * kGap, random)).untouched, "does not touch, and is felt");
     const Similarity place = placed(solid, 1 - kDepth, random);
     const Press::Result few = press.by(solid.few, place), many = press.by(solid.many, place);
     for (const Press::Result* result : {&few, &many}) {
-      EXPECT_GT(result->contacts, 0) << what;
-      EXPECT_EQ(result->ended, "at rest") << what;
-      EXPECT_EQ(result->warnings, "") << what;
-      EXPECT_GT(result->nearest, -1e-6 * kDiagonal) << what;
-      EXPECT_LT(result->nearest, kGap) << what << ": the dent is deeper than the overlap";
+      expect(result->contacts > 0, "no contact");
+      expect(result->ended == "at rest", "ended: " + result->ended);
+      expect(result->warnings.empty(), result->warnings);
+      expect(result->nearest > -1e-6 * kDiagonal, "a vertex is inside");
+      expect(result->nearest < kGap, "the dent is deeper than the overlap");
     }
     double apart = 0;
     for (size_t i = 0; i < few.points.size(); ++i) apart = std::max(apart, length(few.points[i] - many.points[i]));
-    EXPECT_LT(apart, kPart * kDepth) << what << ": of few and of many triangles";
+    expect(apart < kPart * kDepth, "few and many triangles are apart by " + std::to_string(apart));
   }
+  std::string all;
+  for (const auto& [n, what] : wrong) all += what;
+  EXPECT_LE(wrong.size(), most_wrong) << all;
 }
 
 }  // namespace knead::random_colliders

@@ -146,6 +146,7 @@ TEST_P(EquilibriumOnDevice, ComesInTheHostsWay) {
   swept.material.hold = 20;
   swept.settings.entry = {0, -1, 0};
   swept.settings.friction = 0.3;
+  swept.settings.threshold = 1e-4;
   compare(swept, "given entry");
 }
 
