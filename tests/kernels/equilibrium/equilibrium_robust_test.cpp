@@ -210,7 +210,7 @@ TEST(EquilibriumRobust, ThinCollidersKeepTheFleshOnItsSide) {
     pressed.by({&in}, "tube of " + std::to_string(tube));
     EXPECT_EQ(pressed.figures.ended, Ended::kAtRest) << tube;
     EXPECT_GT(pressed.figures.way_in, 0) << tube;
-    EXPECT_LT(pressed.figures.iterations - pressed.figures.way_in, 75) << tube;
+    EXPECT_LT(pressed.figures.iterations - pressed.figures.way_in, 100) << tube;  // 48 to 64 while vertices alone were kept outside, 66 to 82 now
     EXPECT_GT(pressed.figures.least_volume, 0.5) << tube;
     EXPECT_LT(pressed.figures.least_volume, 0.9) << tube << ": let through";
   }
