@@ -142,7 +142,7 @@ TEST_P(EquilibriumOnDevice, ComesInTheHostsWay) {
   deep.settings.threshold = 1e-4;  // on a long way roundings grow to what the rule of rest leaves
   deep.settings.penetration = 1e-6;
   compare(deep, "deep");
-  Scene swept({above(0.9)});
+  Scene swept({above(1.0)});  // at 0.9 it takes 225 to 251 iterations, so that roundings part ways
   swept.material.hold = 20;
   swept.settings.entry = {0, -1, 0};
   swept.settings.friction = 0.3;
