@@ -294,7 +294,6 @@ TEST_F(EvaluatorTest, SharesPartsBetweenFramesAndMakesThemOnce) {
   evaluator.evaluate_frames(frames, {"c"}, false, [&](const FrameResult& result) { EXPECT_EQ(value_of(result, "c"), 300 + 2 * result.frame); });
   EXPECT_EQ(toys::runs_of("shared part"), 2);
 }
-
 TEST_F(EvaluatorTest, MakesSharedPartsBeforeFramesRunSideBySide) {
   const auto four = make_cpu_executor(4);
   EvaluatorOptions options;
@@ -305,7 +304,6 @@ TEST_F(EvaluatorTest, MakesSharedPartsBeforeFramesRunSideBySide) {
   EXPECT_EQ(toys::runs_of("shared part"), 1);
   EXPECT_EQ(toys::runs_of("shared part made beside others"), 0);
 }
-
 TEST_F(EvaluatorTest, CountsWhatIsMadeForAllFramesApartFromTheFrames) {
   Evaluator evaluator(plan_of("  o: {type: value}\n  a: {type: add, a: o, b: o}\n  p: {type: shares}\n  c: {type: add, a: a, b: p}"));
   std::map<int, std::vector<std::string>> worked, set_up;
@@ -343,7 +341,6 @@ TEST_F(EvaluatorTest, CountsNoWaitingForAPartThatIsMade) {
   EXPECT_GT(most, 0.004);
   EXPECT_LT(least, 0.5 * most);
 }
-
 TEST_F(EvaluatorTest, HasNoSetUpForOneFrame) {
   Evaluator evaluator(plan_of("  a: {type: value}\n  p: {type: shares}\n  c: {type: add, a: a, b: p}"));
   evaluator.evaluate_frames({3}, {"c"}, false, [&](const FrameResult& result) {
@@ -357,7 +354,6 @@ TEST_F(EvaluatorTest, HasNoSetUpForOneFrame) {
   });
   EXPECT_THAT(evaluator.figures().set_up, testing::IsEmpty());
 }
-
 TEST_F(EvaluatorTest, ServesSeveralHostThreads) {
   Evaluator evaluator(plan_of(kChain));
   std::vector<std::thread> threads;
@@ -367,7 +363,6 @@ TEST_F(EvaluatorTest, ServesSeveralHostThreads) {
     });
   for (std::thread& thread : threads) thread.join();
 }
-
 TEST_F(EvaluatorTest, WorksWithACacheThatHoldsNothing) {
   EvaluatorOptions options;
   options.cache = std::make_shared<Cache>(0);
@@ -380,14 +375,12 @@ TEST_F(EvaluatorTest, WorksWithACacheThatHoldsNothing) {
   EXPECT_EQ(frames, 4);
   EXPECT_EQ(evaluator.figures().cache.entries, 0u);
 }
-
 TEST_F(EvaluatorTest, TellsTimesInPlanOrder) {
   const FrameResult result = Evaluator(plan_of(kChain)).evaluate(1, {"g"});
   std::vector<std::string> names;
   for (const NodeTime& time : result.times) names.push_back(time.name);
   EXPECT_THAT(names, ElementsAre("a", "b", "c", "d", "f", "e", "g"));
 }
-
 TEST_F(EvaluatorTest, FrameKeyNamesEverythingThatAFrameDependsOn) {
   toys::world().files = {{"s1", 10}, {"s2", 10}};
   const char* const graph = "  s: {type: file, path: s#}\n  a: {type: add, a: s, offset: 2}\n  w: {type: write, in: a}\n  u: {type: value}";

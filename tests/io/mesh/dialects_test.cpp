@@ -249,6 +249,24 @@ TEST_F(MeshDialects, PlyIsTheSameMesh) {
   });
 }
 
+// Strips as a file may have them: led on, ended by -1, or lists of their own.
+std::vector<std::vector<int32_t>> joined_strips(Dialect& d, const std::vector<std::vector<int32_t>>& strips) {
+  std::vector<std::vector<int32_t>> lists(1);
+  size_t run = 0;  // corners since the strip began: the next triangle turns the same way as the first where they are even
+  for (const std::vector<int32_t>& strip : strips) {
+    if (run > 0 && run % 2 == 0 && d.maybe(3)) {
+      lists.back().insert(lists.back().end(), {lists.back().back(), strip[0]});
+      run += 2;
+    } else if (run > 0) {
+      d.maybe(3) ? void(lists.emplace_back()) : lists.back().push_back(-1);
+      run = 0;
+    }
+    lists.back().insert(lists.back().end(), strip.begin(), strip.end());
+    run += strip.size();
+  }
+  return lists;
+}
+
 // Strips of the tube's quads: a, b, d, c makes the triangles a b d and d b c. They end at -1, in whatever type, or lead on over triangles without area.
 TEST_F(MeshDialects, PlyStripsAreTheSameTriangles) {
   std::string faces_of_ply, vertices;
@@ -293,19 +311,7 @@ TEST_F(MeshDialects, PlyStripsAreTheSameTriangles) {
       else
         values.raw(v);
     };
-    std::vector<std::vector<int32_t>> lists(1);
-    size_t run = 0;  // corners since the strip began: the next triangle turns the same way as the first where they are even
-    for (const std::vector<int32_t>& strip : strips) {
-      if (run > 0 && run % 2 == 0 && d.maybe(3)) {
-        lists.back().insert(lists.back().end(), {lists.back().back(), strip[0]});
-        run += 2;
-      } else if (run > 0) {
-        d.maybe(3) ? void(lists.emplace_back()) : lists.back().push_back(-1);
-        run = 0;
-      }
-      lists.back().insert(lists.back().end(), strip.begin(), strip.end());
-      run += strip.size();
-    }
+    const std::vector<std::vector<int32_t>> lists = joined_strips(d, strips);
     for (const std::vector<int32_t>& list : lists) {
       values.whole(static_cast<int32_t>(list.size()));
       for (const int32_t v : list) index(v);
@@ -316,11 +322,9 @@ TEST_F(MeshDialects, PlyStripsAreTheSameTriangles) {
     for (const knead::Vec3f& p : mesh_.points.host()) values.real(p.x), values.real(p.y), values.real(p.z), values.end();
     const bool strips_first = d.maybe(3);
     const std::string strip_head = "element tristrips " + std::to_string(lists.size()) + "\nproperty list int " + type + " vertex_indices\n";
-    const std::string header = std::string("ply\nformat ") +
-                               (values.ascii ? "ascii"
-                                : values.big ? "binary_big_endian"
-                                             : "binary_little_endian") +
-                               " 1.0\n" + (strips_first ? strip_head + head : head + strip_head) + "end_header\n";
+    const char* const format = values.ascii ? "ascii" : values.big ? "binary_big_endian" : "binary_little_endian";
+    const std::string elements = strips_first ? strip_head + head : head + strip_head;
+    const std::string header = std::string("ply\nformat ") + format + " 1.0\n" + elements + "end_header\n";
     const std::string body = strips_first ? strips_body + values.out : values.out + strips_body;
     return values.ascii ? d.finish(header + body, false) : header + body;
   });
